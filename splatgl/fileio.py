@@ -33,13 +33,20 @@ def check_output(path: Path, suffixes: tuple[str, ...] = (".png", ".npy")) -> No
     """Raises InputError, before any work, if `path` cannot be written or has none of the suffixes."""
     if path.suffix.lower() not in suffixes:
         raise expected(path, f"a name that ends in {' or '.join(suffixes)}", repr(path.suffix))
-    if os.path.isdir(path):
-        raise expected(path, "a file to write", "a directory")
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise expected(path, "a file to write", "a directory" if os.path.isdir(path) else "a pipe or device")
     if sys.platform == "win32" and DEVICES.match(path.name):
         raise expected(path, "a file to write", "the name of a device of Windows", "choose another name")
     check_folder(path.parent, path)
     if os.path.exists(path) and not os.access(path, os.W_OK):
         raise InputError(f"{path}: cannot be written: permission denied")
+
+
+def require_file(path: Path) -> None:
+    """Raises InputError, which says what it is, for a path that is no file."""
+    if not path.is_file():
+        kind = "a directory" if path.is_dir() else "a pipe or device" if path.exists() else "no such file"
+        raise InputError(f"{path}: cannot be read: {kind}")
 
 
 def check_folder(folder: Path, name: Path | str) -> None:

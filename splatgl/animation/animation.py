@@ -520,11 +520,13 @@ class Frames:
         path = self.path(frame)
         if not path.exists():
             return False
-        if path.suffix.lower() == ".npy":
-            return True
-        if _mark(path) != self.mark:
+        if not self.is_own(path):
             raise expected(path, "a frame of this animation", "another picture", "leave out --resume to draw over it")
         return True
+
+    def is_own(self, path: Path) -> bool:
+        """Whether a file that exists is a frame of this animation, as far as it can be known."""
+        return path.suffix.lower() == ".npy" or _mark(path) == self.mark
 
     def sweep(self, numbers: Sequence[int]) -> None:
         """Removes temporary files of these frames that a killed run left."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.animation.animation import Animation, Frames, Timeline, draw_frames
 from splatgl.animation.movie import need, volumes, write_movie
-from splatgl.errors import error_prefix, expected
+from splatgl.errors import USER_ERRORS, error_prefix, expected
 from splatgl.fileio import check_source
 from splatgl.options import is_number, keyword, keywords_of, names_of, non_default, with_keywords
 from splatgl.scene.api import KEYWORDS, is_scene, is_splats, scene_of
@@ -128,20 +129,39 @@ def write_animation(
         check_source(frames.path(n), *sources)
     frames.sweep(wanted)
     todo = [n for n in wanted if not (resume and frames.done(n))]
-    if todo and by.are_used:
-        require_built_in(animation.scenes[0].settings.kernel)
-        with by.connected(None if quiet else print) as client:
-            draw_frames(client, animation, frames, todo, by.drawing, quiet)
-    elif todo:
-        with how.renderer() as renderer:
-            animation.draw(renderer, frames, todo, quiet)
+    with _told_if_stopped(frames, wanted):
+        if todo and by.are_used:
+            require_built_in(animation.scenes[0].settings.kernel)
+            with by.connected(None if quiet else print) as client:
+                draw_frames(client, animation, frames, todo, by.drawing, quiet)
+        elif todo:
+            with how.renderer() as renderer:
+                animation.draw(renderer, frames, todo, quiet)
+        _join(animation, frames, fps)
+    return frames, len(wanted) - len(todo)
+
+
+@contextmanager
+def _told_if_stopped(frames: Frames, wanted: Sequence[int]) -> Iterator[None]:
+    """Adds a note on the frames that stay to an error or an interruption of the work on them."""
+    try:
+        yield
+    except (KeyboardInterrupt, *USER_ERRORS) as error:
+        stay = sum(path.exists() and frames.is_own(path) for path in map(frames.path, wanted))
+        if stay:
+            where = f"{stay} of {len(wanted)} frames stay in {frames.path(0).parent}"
+            error.add_note(f"{where}; --resume, in Python resume=True, continues from them")
+        raise
+
+
+def _join(animation: Animation, frames: Frames, fps: float | None) -> None:
+    """Writes the movie, if one is asked for, and removes its frames."""
     if frames.movie:
         ground = animation.scenes[0].settings.background or BLACK
         # fewer for a short series, so that it can be followed
         usual = min(FPS, animation.count / SHORTEST) if len(animation.scenes) > 1 else FPS
-        write_movie(frames.movie, [frames.path(n) for n in wanted], fps or usual, ground)
-        frames.clear(wanted)
-    return frames, len(wanted) - len(todo)
+        write_movie(frames.movie, [frames.path(n) for n in animation.numbers], fps or usual, ground)
+        frames.clear(animation.numbers)
 
 
 def check_fps(fps: float | None, name: str) -> None:

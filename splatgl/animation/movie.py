@@ -16,6 +16,7 @@ from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, missing_extra
 from splatgl.fileio import atomic_write
+from splatgl.readers.remote import is_address
 from splatgl.scene.scene_file import SceneFile
 
 # codec and its options; a smaller crf gives a larger file: these values are visually lossless
@@ -25,8 +26,8 @@ CODECS: dict[str, tuple[str, str, dict[str, str]]] = {
 }
 # chroma at half resolution, which all players support
 PIXELS = "yuv420p"
-# GIF delays are in hundredths of a second; one is 10 ms
-GIF_TICK = 10
+# GIF delays are in hundredths of a second, of 10 ms; browsers keep to 20 ms and more
+GIF_TICK, GIF_SHORTEST = 10, 20
 MILLISECONDS = 1000
 
 
@@ -84,11 +85,24 @@ def _write_gif(part: Path, pictures: Sequence[Path], fps: float, ground: tuple[f
     """Writes a GIF with an optimal palette of 256 colours per frame."""
     from PIL import Image as Pillow
 
-    shown = (
-        Pillow.fromarray(frame).quantize(256, method=Pillow.Quantize.MEDIANCUT) for frame in _frames(pictures, ground)
-    )
-    duration = max(GIF_TICK, round(MILLISECONDS / fps / GIF_TICK) * GIF_TICK)
-    next(shown).save(part, "GIF", save_all=True, append_images=shown, duration=duration, loop=0, optimize=False)
+    chosen, durations = gif_times(len(pictures), fps)
+    frames = _frames([pictures[number] for number in chosen], ground)
+    shown = (Pillow.fromarray(frame).quantize(256, method=Pillow.Quantize.MEDIANCUT) for frame in frames)
+    next(shown).save(part, "GIF", save_all=True, append_images=shown, duration=durations, loop=0, optimize=False)
+
+
+def gif_times(count: int, fps: float) -> tuple[list[int], list[int]]:
+    """Numbers of the frames of a GIF, and their durations in milliseconds: whole ticks of the speed that is asked for.
+
+    Frames shorter than GIF_SHORTEST, which browsers show for a tenth of a second, are left out.
+    """
+    begins = [round(number * MILLISECONDS / fps / GIF_TICK) * GIF_TICK for number in range(count + 1)]
+    chosen = [0]
+    for number in range(1, count):
+        if begins[number] >= begins[chosen[-1]] + GIF_SHORTEST:
+            chosen.append(number)
+    ends = [*(begins[number] for number in chosen[1:]), max(begins[-1], begins[chosen[-1]] + GIF_SHORTEST)]
+    return chosen, [end - begins[number] for number, end in zip(chosen, ends, strict=True)]
 
 
 def _library() -> Any:
@@ -115,7 +129,7 @@ def expanded(sources: Iterable[str]) -> list[str]:
     """
     names: list[str] = []
     for source in sources:
-        names += [source] if source in SCENES or Path(source).exists() else _matching(source)
+        names += _matching(source) if is_pattern(source) else [source]
     return names
 
 
@@ -133,12 +147,18 @@ def time_points(scene: SceneFile, volume: Volume, requested: int | slice | None)
     return [replace(scene, load={**scene.load, "time": number}) for number in numbers]
 
 
-def _matching(source: str) -> list[str]:
-    """Files that match a pattern; the source itself if it is not a pattern."""
-    if not WILDCARDS.search(source):
-        return [source]
+def is_pattern(source: str) -> bool:
+    """Whether a source is a pattern of files, and no file itself. The name of their folder may hold brackets."""
     path = Path(source)
-    if WILDCARDS.search(str(path.parent)):
+    if source in SCENES or is_address(source) or path.exists():
+        return False
+    return bool(WILDCARDS.search(path.name if path.parent.is_dir() else source))
+
+
+def _matching(source: str) -> list[str]:
+    """Files that match a pattern."""
+    path = Path(source)
+    if not path.parent.is_dir() and WILDCARDS.search(str(path.parent)):
         raise expected(source, "a pattern in the file's name alone", "one in its folder's name")
     files = sorted((str(p) for p in path.parent.glob(path.name)), key=by_numbers)
     if not files:

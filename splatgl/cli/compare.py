@@ -93,9 +93,8 @@ def check_against(
     image: Image, reference: Picture, output: Path, background: tuple[float, float, float] | None = None
 ) -> Verdict:
     """Verdict on a new image, as saved at `output`, by the default limits."""
-    drawn = Picture(str(output), image)
-    if reference.bits is not None:
-        drawn = replace(drawn, image=image.rounded(reference.bits, background), bits=reference.bits)
+    bits = reference.image.bits
+    drawn = Picture(str(output), image if bits is None else image.rounded(bits, background))
     first, second = match_formats(drawn, reference)
     return judge(first, second, Tolerance(), frozenset(), (str(output), reference.name))
 

@@ -9,20 +9,21 @@ import gc
 import io
 import os
 import shlex
+import signal
 import sys
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from importlib import import_module
 from types import ModuleType
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple, NoReturn, TextIO
 
 from splatgl import __version__
 from splatgl.cli.parser import BAD_INPUT, HelpAll, Parser, one_line
 from splatgl.errors import InputError, expected
 from splatgl.fileio import set_budget
 
-# exit code of a program interrupted by Ctrl-C
-INTERRUPTED = 130
+# exit code of a program that a signal ends, less the signal's number: 130 for Ctrl-C
+SIGNALLED = 128
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -35,22 +36,107 @@ def main(argv: Sequence[str] | None = None) -> int:
         # reads this when it is imported
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         sys.meta_path.insert(0, NibabelAlone)
+        _occupy_descriptors()
+        _hear_signals()
     for stream in (sys.stdout, sys.stderr):
         # names of files, × and … in any encoding
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    try:
+    with redirect_stdout(Output(sys.stdout)) as output, redirect_stderr(Output(sys.stderr)) as errors:
         try:
-            return _run(arguments)
-        finally:
-            # reports a closed pipe here, not when Python ends
-            sys.stdout.flush()
-    except OSError as error:
-        # a closed pipe, which Windows calls an invalid argument
-        if not isinstance(error, BrokenPipeError) and (sys.platform != "win32" or error.errno != errno.EINVAL):
-            raise
-        _discard_output()
-        return 0
+            code = _run(arguments)
+        except SystemExit as stop:
+            # of argparse: help, or bad usage
+            sys.exit(_end(output, errors, stop.code, argv is None))
+        return int(_end(output, errors, code, argv is None) or 0)
+
+
+class Output(io.TextIOBase):
+    """Standard output or error that may be missing, closed or full: no work stops because of what cannot be printed.
+
+    stream: Python's own, or None. error: of the first text that was not written; nothing is written after it.
+    """
+
+    def __init__(self, stream: TextIO | None) -> None:
+        self.stream = stream
+        self.error: Exception | None = None
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """The stream's encoding."""
+        return getattr(self.stream, "encoding", None) or "utf-8"
+
+    def write(self, text: str) -> int:
+        """Writes as far as possible."""
+        self._attempt(lambda stream: stream.write(text))
+        return len(text)
+
+    def flush(self) -> None:
+        """Flushes as far as possible."""
+        self._attempt(lambda stream: stream.flush())
+
+    def _attempt(self, action: Callable[[TextIO], object]) -> None:
+        if self.stream is not None and self.error is None:
+            try:
+                action(self.stream)
+            except (OSError, ValueError) as error:
+                # ValueError: of a closed stream
+                self.error = error
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether text is missing that somebody waits for: not that of a closed pipe, which Windows calls invalid."""
+        windows = sys.platform == "win32" and getattr(self.error, "errno", None) == errno.EINVAL
+        return isinstance(self.error, OSError) and not isinstance(self.error, BrokenPipeError) and not windows
+
+    def isatty(self) -> bool:
+        """Whether it is a terminal."""
+        return self.stream is not None and self.stream.isatty()
+
+    def fileno(self) -> int:
+        """The descriptor. Raises OSError without one."""
+        return super().fileno() if self.stream is None else self.stream.fileno()
+
+
+def _end(output: Output, errors: Output, code: str | int | None, ends: bool) -> str | int | None:
+    """The exit code of a command by its own. Where its output cannot be written: a line, and BAD_INPUT instead of 0.
+
+    ends: whether the process ends. Python flushes both streams then, and would complain: they become a null device.
+    """
+    output.flush()
+    if output.is_lost:
+        print(f"splatgl: standard output: cannot be written: {getattr(output.error, 'strerror', '')}", file=errors)
+    errors.flush()
+    for stream in (output, errors):
+        if stream.error and ends:
+            # it may be no file
+            with suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    return code or (BAD_INPUT if output.is_lost else code)
+
+
+def _hear_signals() -> None:
+    """Makes the signals of schedulers and of closed terminals interrupt as Ctrl-C does, so that no part of a file is
+    left; ignored ones, as under nohup, stay ignored.
+    """
+
+    def interrupt(number: int, _: object) -> NoReturn:
+        raise KeyboardInterrupt(number)
+
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, interrupt)
+
+
+def _occupy_descriptors() -> None:
+    """Opens a null device for each of the standard descriptors that is closed, which a file would get otherwise."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            # gets the lowest free one
+            os.open(os.devnull, os.O_RDWR)
 
 
 class NibabelAlone:
@@ -79,25 +165,22 @@ def _run(arguments: list[str]) -> int:
         set_budget(getattr(args, "memory", None))
         return int(args.run(args))
     except InputError as error:
-        message = command.with_flags(str(error), args) if command else str(error)
-        print(f"splatgl: {one_line(message)}", file=sys.stderr)
-        return BAD_INPUT
+        return _tell(error, command.with_flags(str(error), args) if command else str(error))
     except MemoryError as error:
-        print(f"splatgl: not enough memory: {error}; use a smaller volume or a higher --threshold", file=sys.stderr)
-        return BAD_INPUT
-    except KeyboardInterrupt:
-        print("splatgl: interrupted", file=sys.stderr)
-        return INTERRUPTED
+        return _tell(error, f"not enough memory: {error}; use a smaller volume or a higher --threshold")
+    except KeyboardInterrupt as error:
+        _tell(error, "interrupted")
+        return SIGNALLED + (error.args[0] if error.args else signal.SIGINT)
     finally:
         # a program that calls the command goes on with its own budget
         set_budget(None)
 
 
-def _discard_output() -> None:
-    """Redirects standard output to nowhere: Python flushes it at the end, and would complain of a broken pipe."""
-    # standard output may be no file
-    with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _tell(error: BaseException, message: str) -> int:
+    """Prints a message, and the error's notes, a line each; returns BAD_INPUT."""
+    for line in (message, *getattr(error, "__notes__", ())):
+        print(f"splatgl: {one_line(line)}", file=sys.stderr)
+    return BAD_INPUT
 
 
 def _with_command(arguments: list[str]) -> list[str]:

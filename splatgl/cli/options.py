@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from splatgl.animation.movie import is_pattern
 from splatgl.data.color import AUTO, CLEAR
 from splatgl.errors import expected
 from splatgl.options import Group, Option, declared, names_of
@@ -182,11 +183,6 @@ def _refuse_many(args: argparse.Namespace) -> None:
         raise expected("SOURCE", "a file", "standard input", "save it to a file first")
     if is_pattern(args.source) and not hasattr(args, "more"):
         raise expected(args.source, "one file", "a pattern", "splatgl render and animate draw several")
-
-
-def is_pattern(source: str) -> bool:
-    """Whether a source is a pattern of files, and no file itself."""
-    return any(sign in source for sign in "*?[") and not is_address(source) and not Path(source).exists()
 
 
 def name_of(source: str) -> str:

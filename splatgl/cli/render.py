@@ -12,6 +12,7 @@ from uuid import uuid4
 import numpy as np
 
 from splatgl import __version__
+from splatgl.animation.movie import is_pattern
 from splatgl.cli.options import (
     ON_PAPER,
     add_drawing,
@@ -19,7 +20,6 @@ from splatgl.cli.options import (
     add_source,
     for_output,
     group_of,
-    is_pattern,
     record_of,
     scene_from,
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +14,11 @@ from splatgl.comparison.metrics import (
     densest_share,
     exceeds_threshold,
     flip,
-    largest_step,
+    largest_level,
     over_channels,
     ssim,
 )
+from splatgl.comparison.pictures import as_image, check_finite, match_images
 from splatgl.data.image import Image
 from splatgl.errors import expected
 
@@ -40,9 +42,9 @@ class Comparison:
     threshold, right and bottom exclusive; or None.
     bias: signed mean of a − b in the channel in which it is largest. share_unmatched: fraction of pixels over the
     threshold that no neighbour explains, so that edges moved by a pixel do not count (`metrics.count_unmatched`).
-    ssim, flip: see `metrics`, None if not requested. levels: largest difference in steps of 8-bit samples. density:
-    largest share of pixels over the threshold in a window of 7×7. Both are None if not requested. pixels: number of
-    compared pixels.
+    ssim, flip: see `metrics`, None if not requested. levels: largest difference of 8-bit samples, sRGB and straight
+    alpha. density: largest share of pixels over the threshold in one place (see `metrics`). Both are None if not
+    requested. pixels: number of compared pixels.
     """
 
     maximum: float
@@ -78,19 +80,19 @@ class Comparison:
 # differences of finite numbers may overflow: they count as infinite
 @np.errstate(over="ignore", invalid="ignore")
 def compare(
-    a: Image,
-    b: Image,
+    a: Any,
+    b: Any,
     threshold: float | None = 1 / LEVELS,
     extra: Collection[str] = (),
     names: tuple[str, str] = NAMES,
     mask: np.ndarray | None = None,
 ) -> Comparison:
-    """Compares the image `a` with the reference `b`.
+    """Compares the image `a` with the reference `b`, after rounding the finer one to the bits of the other.
 
-    threshold: minimum difference of a differing pixel, as a fraction of the peak; None: more than 8-bit rounding can
-    explain. extra: names of EXTRA, which are slower. names: of both, for messages. mask: bool [H, W], the pixels
-    to compare; the others count as empty in both. Raises InputError for different sizes, NaN and infinity, and if
-    `flip` is requested but not installed.
+    a, b: an Image, a file, an array, or anything else that `pictures.as_image` takes. threshold: minimum difference of
+    a differing pixel, as a fraction of the peak; None: more than 8-bit rounding can explain. extra: names of EXTRA,
+    which are slower. names: of both, for messages. mask: bool [H, W], the pixels to compare; the others count as empty
+    in both. Raises InputError for different sizes, NaN and infinity, and if `flip` is requested but not installed.
 
     ```python
     new, old = (sg.render(sg.scenes.ball(12), zoom=zoom, size=64) for zoom in (1.0, 1.1))
@@ -98,6 +100,7 @@ def compare(
     print(found.rmse, found.share_over, found.box)
     ```
     """
+    a, b = match_images(as_image(a, names[0]), as_image(b, names[1]), names)
     first, second = _pixels(names[0], a), _pixels(names[1], b)
     if first.shape != second.shape:
         what = "pictures" if names == NAMES else names[0]
@@ -130,7 +133,7 @@ def compare(
         ssim=ssim(first, second, peak, mask) if "ssim" in extra else None,
         flip=flip(first, second, peak, mask) if "flip" in extra else None,
         pixels=count,
-        levels=largest_step(first, second, peak) if "levels" in extra else None,
+        levels=largest_level(first, second, peak) if "levels" in extra else None,
         density=densest_share(over) if "density" in extra else None,
     )
 
@@ -213,15 +216,6 @@ def _differences(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         squares += float(np.einsum("ij,ij->", exact, exact))
         over_channels(d, worst[band])
     return worst, columns.reshape(-1, 4).sum(axis=0), squares, weight
-
-
-def check_finite(what: str, pixels: np.ndarray) -> None:
-    """Raises InputError, which names the first pixel, for NaN and infinity in pixels [H, W, 4]."""
-    bad = np.argwhere(~np.isfinite(pixels).all(axis=-1))
-    if len(bad):
-        row, column = bad[0]
-        got = f"{pixels[row, column].tolist()} at column {column}, row {row} of {len(bad)} such"
-        raise expected(what, "finite numbers", got)
 
 
 def _box(over: np.ndarray) -> tuple[int, int, int, int] | None:

@@ -77,6 +77,14 @@ class Baselines:
         """Baselines for other classes only."""
         return sorted(set(self._named(r"\.[a-z][a-z0-9-]*")) - set(self.valid()))
 
+    def check_case(self) -> None:
+        """Raises InputError for a baseline whose name differs in case alone: macOS and Windows take both for one."""
+        stems = sorted({path.name.partition(".")[0] for path in self.folder.glob("*")})
+        other = next((stem for stem in stems if stem != self.stem and stem.lower() == self.stem.lower()), None)
+        if other is not None:
+            fix = "rename one of them: macOS and Windows take both for one file"
+            raise expected(f"baseline {self.stem}", "a name that differs in more than case", other, fix)
+
     def current(self) -> Path:
         """The first valid baseline; without one the path of the portable one."""
         return next(iter(self.valid()), self.portable)
@@ -207,6 +215,7 @@ class ImageRegression:
     def _outcome(self, picture: Image, baselines: Baselines, criteria: Criteria, bits: int | None) -> str:
         """The failure message; "" for success."""
         title = f"{self.test}: {baselines.stem}"
+        baselines.check_case()
         paths = baselines.valid()
         outcomes = [self._compare(picture, path, criteria) for path in paths]
         match = next((verdict for verdict, _ in outcomes if verdict is not None and verdict.same), None)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from splatgl.data.color import srgb_from_linear
+from splatgl.data.image import Image
 from splatgl.errors import expected, import_extra
 
 # Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004, Eq. 13: K1 and K2;
@@ -143,6 +144,14 @@ ALPHA_STEP = SLACK / 255
 NOTHING = 1e-6
 # rows per band
 STEP_BAND_ROWS = 16
+# smallest alpha that 8-bit samples do not round to 0, in levels
+HALF_LEVEL = 0.5
+# pixels of a window of 7×7, and of a line
+WINDOW, LINE = SSIM_WINDOW**2, 2 * SSIM_WINDOW**2
+# slopes of lines from level to 45°: a line of LINE pixels keeps within one pixel of the nearest
+SLOPES = 24
+# differing pixels whose lines and groups are counted, in a second: 0.5 % of 5000²
+MOST_POINTS = 2**17
 
 
 def over_channels(d: np.ndarray, out: np.ndarray) -> None:
@@ -191,27 +200,75 @@ def _unit_steps(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray(steps)
 
 
-def largest_step(a: np.ndarray, b: np.ndarray, peak: float) -> float:
-    """The largest difference of a pixel, [H, W, 4], in steps of 8-bit samples, as large as at the lighter one."""
+def largest_level(a: np.ndarray, b: np.ndarray, peak: float) -> float:
+    """The largest difference of 8-bit samples, sRGB and straight alpha, of pixels [H, W, 4]. Finer images have
+    fractions of levels.
+
+    Colours count where both pixels have an alpha of half a level or more, and differences that rounding explains
+    (`exceeds_step`) in translucent ones as at most one level.
+    """
     most = 0.0
     for top in range(0, len(a), STEP_BAND_ROWS):
         band = slice(top, top + STEP_BAND_ROWS)
-        if not np.array_equal(a[band], b[band]):
-            most = max(most, float(_unit_steps(a[band] / np.float32(peak), b[band] / np.float32(peak)).max()))
-    return SLACK * most
-
-
-def densest_share(over: np.ndarray) -> float:
-    """The largest share of `over` pixels, bool [H, W], in a window of 7×7: 1 for an area, 1/49 for single pixels."""
-    rows, columns = np.flatnonzero(over.any(axis=1)), np.flatnonzero(over.any(axis=0))
-    if not rows.size:
-        return 0.0
-    part = over[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    return float(_window_mean(np.pad(part, SSIM_WINDOW - 1).astype(np.float32)).max())
+        differs = (a[band] != b[band]).any(axis=-1)
+        if differs.any():
+            x, y = (pixels[band][differs] / np.float32(peak) for pixels in (a, b))
+            straight, other = (255 * Image(pixels).straight() for pixels in (x, y))
+            off = np.abs(straight - other)
+            off[..., :3] *= np.minimum(straight[..., 3:], other[..., 3:]) >= HALF_LEVEL
+            levels = off.max(axis=-1)
+            is_literal = (_unit_steps(x, y) > 1) | (np.minimum(straight[..., 3], other[..., 3]) == 255)
+            most = max(most, float(np.where(is_literal, levels, np.minimum(levels, 1)).max()))
+    # samples of 8 bits that float32 holds are whole again
+    return round(most, 3)
 
 
 # neighbours of a pixel: rows and columns
 AROUND = [(down, across) for down in (-1, 0, 1) for across in (-1, 0, 1) if (down, across) != (0, 0)]
+
+
+def densest_share(over: np.ndarray) -> float:
+    """The largest share of `over` pixels, bool [H, W], in one place: in a window of 7×7, on a line in any direction, or
+    of those that touch each other, as a share of a window. 1 for an area, 1/49 for single pixels. More than MOST_POINTS
+    pixels are counted in windows alone.
+    """
+    rows, columns = np.nonzero(over)
+    if not rows.size:
+        return 0.0
+    part = over[rows[0] : rows[-1] + 1, columns.min() : columns.max() + 1]
+    count = round(WINDOW * float(_window_mean(np.pad(part, SSIM_WINDOW - 1).astype(np.float32)).max()))
+    if count == WINDOW or rows.size > MOST_POINTS:
+        return count / WINDOW
+    on_lines = max(_densest_line(columns, rows), _densest_line(rows, columns)) / LINE
+    return max(min(max(count, _largest_group(rows, columns)), WINDOW) / WINDOW, on_lines)
+
+
+def _densest_line(along: np.ndarray, across: np.ndarray) -> int:
+    """The largest number of pixels, whole coordinates [N], on a part of LINE pixels of a line that rises by at most 45°
+    over the axis `along`.
+    """
+    most, stride = 0, int(along.max()) + LINE
+    for slope in range(-SLOPES, SLOPES + 1):
+        lines = across - np.rint(along * (slope / SLOPES)).astype(np.int64)
+        places = np.sort(lines * stride + along)
+        most = max(most, int((np.searchsorted(places, places + LINE) - np.arange(places.size)).max()))
+    return most
+
+
+def _largest_group(rows: np.ndarray, columns: np.ndarray) -> int:
+    """The largest number of pixels, whole coordinates [N], that touch each other by edges or corners."""
+    rest, most = set(zip(rows.tolist(), columns.tolist(), strict=True)), 0
+    while rest:
+        group = [rest.pop()]
+        # grows while it is read
+        for row, column in group:
+            near = rest & {(row + down, column + across) for down, across in AROUND}
+            rest -= near
+            group += near
+        most = max(most, len(group))
+    return most
+
+
 # equal neighbours of a pixel in an even area, at least
 EVEN = 3
 

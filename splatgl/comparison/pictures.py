@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from inspect import isawaitable
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,10 +18,11 @@ from PIL import ImageSequence
 from PIL.Image import DecompressionBombError
 from PIL.Image import Image as PillowImage
 
-from splatgl.comparison.compare import check_finite
+from splatgl.data.color_management import displayed_samples
 from splatgl.data.image import PNG_SIGNATURE, Image
 from splatgl.data.image_files import EXR, TIFF, load_tiff
 from splatgl.errors import InputError, expected, import_extra
+from splatgl.fileio import require_file
 
 # endings of files that may hold several pictures: by Pillow, and by av
 ANIMATED, MOVIES = (".gif", ".webp", ".apng", ".png", ".tif", ".tiff"), (".mp4", ".mov", ".mkv", ".webm", ".avi")
@@ -35,18 +37,17 @@ PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
 COLOR_TYPES = {0: "gray", 2: "RGB", 3: "RGB", 4: "gray with alpha", 6: "RGBA"}
 
 
-# size of a PNG's signature and header, and the offsets of depth and colour type
-HEADER_BYTES, DEPTH_AT, TYPE_AT = 26, 24, 25
+# size of a PNG's signature and header, and the offset of the colour type
+HEADER_BYTES, TYPE_AT = 26, 25
 
 
 @dataclass(frozen=True)
 class Picture:
-    """An image and its storage format. mode: None matches any. bits: per sample, 8 or 16; None for floats."""
+    """An image and its colour type in a file. mode: None matches any."""
 
     name: str
     image: Image
     mode: str | None = None
-    bits: int | None = None
 
 
 def read(path: str | Path) -> Picture:
@@ -63,40 +64,55 @@ def read(path: str | Path) -> Picture:
     with open(source, "rb") as file:
         header = file.read(HEADER_BYTES)
     if header[: len(PNG_SIGNATURE)] != PNG_SIGNATURE:
-        return Picture(str(path), image, None, 8)
+        return Picture(str(path), image)
     mode = COLOR_TYPES.get(header[TYPE_AT], "RGB")
-    if header[TYPE_AT] == 3 and float(image.pixels[..., 3].min()) < 1:
-        mode = "RGBA"
-    return Picture(str(path), image, mode, 16 if header[DEPTH_AT] == 16 else 8)
+    # a palette, or colours of which one is transparent (tRNS)
+    if "alpha" not in mode and mode != "RGBA" and float(image.pixels[..., 3].min()) < 1:
+        mode = "gray with alpha" if mode == "gray" else "RGBA"
+    return Picture(str(path), image, mode)
 
 
 def match_formats(actual: Picture, right: Picture, any_mode: bool = False) -> tuple[Image, Image]:
-    """Makes two images comparable: rounds the finer one to the bits of the other, and restores X-rays to sums.
+    """Makes two pictures comparable, see `match_images`.
 
     Raises InputError for different modes, such as RGB and RGBA, unless any_mode; and for NaN before rounding.
     """
     if not any_mode and actual.mode and right.mode and actual.mode != right.mode:
         fix = "save both alike, or compare what they look like with --any-mode"
         raise expected(actual.name, f"the mode of {right.name}, {right.mode}", actual.mode, fix)
-    bits = min((picture.bits for picture in (actual, right) if picture.bits), default=None)
+    return match_images(actual.image, right.image, (actual.name, right.name))
+
+
+def match_images(actual: Image, right: Image, names: tuple[str, str]) -> tuple[Image, Image]:
+    """Two comparable images: the finer one rounded to the bits of the other, X-rays as sums. names: for messages."""
+    bits = min((image.bits for image in (actual, right) if image.bits), default=None)
     # a float file does not record that it holds sums: the other one may
-    xray = any(picture.image.info.get("blend") == "xray" for picture in (actual, right))
-    first, second = (_match_format(picture, bits, xray) for picture in (actual, right))
+    xray = any(image.info.get("blend") == "xray" for image in (actual, right))
+    first, second = (_match_image(*pair, bits, xray) for pair in zip((actual, right), names, strict=True))
     return first, second
 
 
-def _match_format(picture: Picture, bits: int | None, xray: bool) -> Image:
-    image = picture.image
-    if xray:
+def _match_image(image: Image, name: str, bits: int | None, xray: bool) -> Image:
+    if xray and image.info.get("blend") != "xray":
         image = replace(image, info={**image.info, "blend": "xray"})
-    if bits is not None and picture.bits != bits:
-        check_finite(picture.name, image.pixels)
+    if bits is not None and image.bits != bits:
+        check_finite(name, image.pixels)
         image = image.rounded(bits)
     # an X-ray in a PNG is normalized to its maximum
     scale = image.info.get("scale")
     if not xray or not isinstance(scale, (int, float)) or not scale > 0:
         return image
-    return Image(image.pixels / np.float32(scale), {key: v for key, v in image.info.items() if key != "scale"})
+    info = {key: value for key, value in image.info.items() if key != "scale"}
+    return replace(image, pixels=image.pixels / np.float32(scale), info=info)
+
+
+def check_finite(what: str, pixels: np.ndarray) -> None:
+    """Raises InputError, which names the first pixel, for NaN and infinity in pixels [H, W, 4]."""
+    bad = np.argwhere(~np.isfinite(pixels).all(axis=-1))
+    if len(bad):
+        row, column = bad[0]
+        got = f"{pixels[row, column].tolist()} at column {column}, row {row} of {len(bad)} such"
+        raise expected(what, "finite numbers", got)
 
 
 def read_mask(path: str | Path) -> np.ndarray:
@@ -145,8 +161,7 @@ def frames(path: Path) -> Iterator[Picture]:
     Raises InputError for what cannot be read, and for a missing extra.
     """
     ending = path.suffix.lower()
-    if not path.is_file():
-        raise InputError(f"{path}: cannot be read: {'a directory' if path.is_dir() else 'no such file'}")
+    require_file(path)
     if ending in MOVIES:
         yield from _numbered(path, _movie_frames(path))
     elif ending == ".pdf":
@@ -161,7 +176,7 @@ def frames(path: Path) -> Iterator[Picture]:
         yield replace(_decode_bytes(content), name=str(path))
     elif ending in ANIMATED and (animation := _open_animation(path)):
         with animation:
-            pages = (np.asarray(frame.convert("RGBA")) for frame in ImageSequence.Iterator(animation))
+            pages = (displayed_samples(frame) for frame in ImageSequence.Iterator(animation))
             yield from _numbered(path, pages)
     else:
         yield read(path)
@@ -172,7 +187,7 @@ def _numbered(path: Path, frames: Iterator[np.ndarray]) -> Iterator[Picture]:
     try:
         for number, samples in enumerate(frames, 1):
             name = str(path) if number == 1 else f"{path} [{number}]"
-            yield Picture(name, Image.from_samples(samples), None, 8)
+            yield Picture(name, Image.from_samples(samples))
     except (OSError, ValueError, EOFError, SyntaxError) as error:
         raise InputError(f"{path}: cannot be read after {number} pictures: {error}") from error
     if not number:
@@ -218,13 +233,20 @@ def as_images(value: Any) -> Iterator[Image]:
         yield as_image(value)
 
 
-def as_image(value: Any) -> Image:
-    """The image of an Image, the bytes of a PNG or JPEG, samples (uint8 or uint16 sRGB, grey, with alpha, RGB or RGBA;
-    bool), linear premultiplied floats [H, W, 4], or an object that draws itself: an image of Pillow, a figure of
-    Matplotlib or Plotly, a viewer of napari, a plotter of PyVista. Raises InputError for others.
+def as_image(value: Any, what: str = "image") -> Image:
+    """The image of an Image, a file of one picture, the bytes of a PNG or JPEG, samples (uint8 or uint16 sRGB, grey,
+    with alpha, RGB or RGBA; bool), linear premultiplied floats [H, W, 4], or an object that draws itself: an image of
+    Pillow, a figure of Matplotlib or Plotly, a viewer of napari, a plotter of PyVista, a page or an element of
+    Playwright or Selenium. what: for messages. Raises
+    InputError for others.
     """
     if isinstance(value, Image):
         return value
+    if isinstance(value, str | Path):
+        first, *more = frames(Path(value))
+        if more:
+            raise expected(value, "one picture", f"{1 + len(more)} pages or frames", "splatgl compare takes them all")
+        return first.image
     drawn = _draw(value)
     if isinstance(drawn, (bytes, bytearray, memoryview)):
         return _decode_bytes(bytes(drawn)).image
@@ -246,7 +268,7 @@ def as_image(value: Any) -> Image:
     is_float = samples.dtype.kind == "f" and samples.ndim in (2, 3)
     fix = "floats need colour and alpha: premultiplied, linear, [H, W, 4]" if is_float else ""
     this = "an Image, a file, its bytes, a figure, uint8 [H, W] or [H, W, 3 or 4], or float [H, W, 4]"
-    raise expected("image", this, got, fix)
+    raise expected(what, this, got, fix)
 
 
 def _draw(value: Any) -> Any:
@@ -264,8 +286,15 @@ def _draw(value: Any) -> Any:
             raise InputError(f"image: Plotly cannot draw {type(value).__name__}: {error}") from error
     elif type(value).__module__.startswith("napari"):
         return value.screenshot(canvas_only=True, flash=False)
+    elif hasattr(value, "get_screenshot_as_png"):
+        return value.get_screenshot_as_png()
+    elif hasattr(value, "screenshot_as_png"):
+        return value.screenshot_as_png
     elif hasattr(value, "screenshot"):
-        return value.screenshot(return_img=True)
+        shown = value.screenshot()
+        if isawaitable(shown):
+            raise expected("image", "a picture", "one to wait for", "give the bytes of await page.screenshot()")
+        return shown
     elif hasattr(value, "_repr_png_"):
         return value._repr_png_()
     return file.getvalue() or value

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.comparison.compare import ALIGNMENTS
-from splatgl.comparison.pictures import read_mask
+from splatgl.comparison.compare import ALIGNMENTS, NAMES
+from splatgl.comparison.pictures import as_image, match_images, read_mask
 from splatgl.comparison.verdict import NOISE, Criteria, Pair, Tolerance, Verdict
-from splatgl.data.image import Image
 from splatgl.errors import error_prefix, expected
 from splatgl.fileio import load_table
 from splatgl.options import refuse_unknown
@@ -27,8 +26,8 @@ LIMITS = (
     ("max-bias", "bias", "mean difference of a channel"),
     ("max-share", "share", "share of pixels above --threshold, 0 to 1"),
     ("max-unmatched", "unmatched", "that share without edges that moved by one pixel"),
-    ("max-levels", "levels", "largest difference in 8-bit levels of sRGB and alpha"),
-    ("max-density", "density", "largest share of pixels above --threshold in a window of 7×7"),
+    ("max-levels", "levels", "largest difference of 8-bit samples, sRGB and alpha"),
+    ("max-density", "density", "largest share of pixels above --threshold in a window of 7×7 or on a line"),
     ("max-flip", "flip", "mean FLIP error, 0 to 1 (extra compare)"),
     ("min-psnr", "psnr", "PSNR in decibels"),
     ("min-ssim", "ssim", "structural similarity, up to 1"),
@@ -161,13 +160,14 @@ def read_limit(name: str, value: Any) -> float:
     return number
 
 
-def judge(a: Image, b: Image, **settings: Any) -> Verdict:
+def judge(a: Any, b: Any, **settings: Any) -> Verdict:
     """Returns the verdict of `splatgl compare` on the image `a` against the reference `b`: whether they are the same,
     the metrics with their limits, and what kind of difference there is.
 
-    settings: those of [tool.splatgl.compare], such as noise="driver", max_rmse=0.01, ignore=["0,0,20,10"] (left, top,
-    width, height), mask="mask.png", antialiased=False, align="center" for images of other sizes. Without limits only
-    8-bit rounding may differ. Raises InputError for unknown names and bad values.
+    a, b: images, files or arrays, as for `compare`; the finer one is rounded to the bits of the other. settings: those
+    of [tool.splatgl.compare], such as noise="driver", max_rmse=0.01, ignore=["0,0,20,10"] (left, top, width, height),
+    mask="mask.png", antialiased=False, align="center" for images of other sizes. Without limits only 8-bit rounding may
+    differ. Raises InputError for unknown names and bad values.
 
     ```python
     new, old = (sg.render(sg.scenes.ball(12), zoom=zoom, size=64) for zoom in (1.0, 1.1))
@@ -176,4 +176,5 @@ def judge(a: Image, b: Image, **settings: Any) -> Verdict:
     """
     refuse_unknown("judge", settings, [name.replace("-", "_") for name in KEYS if name not in PROJECT])
     criteria = Settings().but(settings).criteria()
-    return Pair.of(a, b, criteria).judge(criteria)
+    images = match_images(as_image(a, NAMES[0]), as_image(b, NAMES[1]), NAMES)
+    return Pair.of(*images, criteria).judge(criteria)

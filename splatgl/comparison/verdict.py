@@ -9,7 +9,7 @@ import numpy as np
 
 from splatgl.comparison.compare import EXTRA, NAMES, Comparison, apply_mask, compare, format_size, unite_sizes
 from splatgl.comparison.difference_kinds import Kind, classify_difference
-from splatgl.comparison.metrics import find_antialiased
+from splatgl.comparison.metrics import WINDOW, find_antialiased
 from splatgl.data.image import Image
 from splatgl.errors import expected
 
@@ -64,11 +64,9 @@ class Tolerance:
 
 
 # Limits by the name of what may differ. driver: the same program on other drivers and processors, which differ by
-# rounding: few pixels, by few levels, in no closed area. Of independent pixels, 0.5 % put 8 into a window of 7×7 with a
-# probability of 2e-10.
-NOISE = {"none": Tolerance(), "driver": Tolerance(share=0.005, rmse=0.5 / 255, levels=8, density=8 / 49)}
-# a share of the differing pixels in a window of 7×7 is printed as their number
-WINDOW = 49
+# rounding: few pixels, by few levels, in no area and on no line. Of independent pixels, 0.5 % put 9 into a window of
+# 7×7 with a probability of 3e-12, and 17 on a line of 98 pixels with one of 2e-21.
+NOISE = {"none": Tolerance(), "driver": Tolerance(share=0.005, rmse=0.5 / 255, levels=8, density=8 / WINDOW)}
 
 
 @dataclass(frozen=True)
@@ -220,9 +218,9 @@ def judge(
 
 def _driver_noise(comparison: Comparison) -> Kind | None:
     """The kind of a difference within the limits for other drivers."""
-    if not all(check.ok for check in check_limits(comparison, NOISE["driver"])):
-        return None
     count = round(comparison.share_over * comparison.pixels)
+    if not count or not all(check.ok for check in check_limits(comparison, NOISE["driver"])):
+        return None
     text = f"{count} scattered pixels off by up to {comparison.levels:.0f} levels, as between drivers"
     return Kind("driver", f"{text}; --noise driver allows it")
 

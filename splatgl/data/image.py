@@ -31,7 +31,7 @@ from splatgl.data.image_files import (
     require_library,
 )
 from splatgl.errors import InputError, expected, import_extra
-from splatgl.fileio import require_memory, write_file
+from splatgl.fileio import require_file, require_memory, write_file
 
 # endings of the files that `Image.save` writes
 SAVED = (".png", ".npy", *JPEG, *TIFF, *EXR, *VECTOR)
@@ -48,12 +48,13 @@ PNG_SIGNATURE, UP, COLOR_TYPES = b"\x89PNG\r\n\x1a\n", 2, {3: 2, 4: 6}
 @dataclass(frozen=True, eq=False)
 class Image:
     """pixels: float32 [H, W, 4], linear, premultiplied, row 0 at the top. info: how the image was rendered. figure: the
-    picture without its annotations, and these, for PDF and SVG.
+    picture without its annotations, and these, for PDF and SVG. bits: 8 or 16 of samples, None of floats.
     """
 
     pixels: np.ndarray
     info: Mapping[str, object] = field(default_factory=dict)
     figure: Figure | None = None
+    bits: int | None = None
 
     def save(self, path: str | Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> None:
         """Writes .png (sRGB, straight alpha, 8 or 16 bits), .jpg (sRGB), .npy, .tif or .exr (the pixels), atomically.
@@ -89,10 +90,13 @@ class Image:
 
     @classmethod
     def load(cls, path: str | Path) -> Image:
-        """Reads .npy ([H, W, 4]), .exr, .tif of floats, or what Pillow supports, as linear premultiplied light."""
+        """Reads .npy ([H, W, 4]), .exr, .tif of floats, or what Pillow supports, as linear premultiplied light.
+
+        Files of samples are read as a browser shows them: in sRGB by their colour profile or gamma, upright by their
+        orientation tag.
+        """
         source = Path(path)
-        if not source.is_file():
-            raise InputError(f"{source}: cannot be read: {'a directory' if source.is_dir() else 'no such file'}")
+        require_file(source)
         if source.suffix.lower() == ".npy":
             return cls(_load_npy(source))
         if source.suffix.lower() in EXR:
@@ -100,7 +104,7 @@ class Image:
         if source.suffix.lower() in TIFF and (image := load_tiff(source)) is not None:
             return cls(*image)
         samples, info = load_png(source)
-        return cls(_linear_pixels(samples), info)
+        return cls(_linear_pixels(samples), info, bits=8 * samples.itemsize)
 
     @classmethod
     def from_samples(cls, samples: np.ndarray) -> Image:
@@ -110,12 +114,12 @@ class Image:
         if samples.shape[2] == 3:
             opaque = np.full_like(samples[..., :1], np.iinfo(samples.dtype).max)
             samples = np.concatenate([samples, opaque], axis=-1)
-        return cls(_linear_pixels(samples))
+        return cls(_linear_pixels(samples), bits=8 * samples.itemsize)
 
     def rounded(self, bits: int = 8, background: tuple[float, float, float] | None = None) -> Image:
         """The image after a round trip through a PNG of `bits` (8 or 16) on `background`, without writing one."""
         info = dict(self.info)
-        return Image(_linear_pixels(self._samples(info, bits, background)), info)
+        return Image(_linear_pixels(self._samples(info, bits, background)), info, bits=bits)
 
     def straight(self) -> np.ndarray:
         """Pixels in sRGB with straight alpha, float64 [H, W, 4] in [0, 1]."""
@@ -165,7 +169,9 @@ class Image:
         image = self
         if info.get("blend") == "xray":
             top = float(self.pixels.max()) or 1.0
-            info["scale"] = 1.0 / top
+            # on that of the file which it was read from
+            known = info.get("scale")
+            info["scale"] = (float(known) if isinstance(known, int | float) else 1.0) / top
             image = Image(self.pixels / np.float32(top), info)
         if background is not None:
             image = image.over(background)
@@ -245,6 +251,8 @@ def load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
     """Straight sRGB, uint8 or uint16 [H, W, 4], and the provenance, if any."""
     from PIL import Image as Pillow
 
+    from splatgl.data.color_management import displayed_samples
+
     try:
         with Pillow.open(source) as picture:
             needed = picture.width * picture.height * DECODED
@@ -252,9 +260,7 @@ def load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
             info = provenance(getattr(picture, "text", {}).get(KEYWORD, ""))
             with source.open("rb") as file:
                 is_deep = picture.format == "PNG" and file.read(25)[24] == 16
-            if is_deep:
-                return _decode_deep(source), info
-            return np.asarray(picture if picture.mode == "RGBA" else picture.convert("RGBA")), info
+            return displayed_samples(picture, _decode_deep(source) if is_deep else None), info
     except InputError:
         raise
     except (OSError, ValueError, SyntaxError) as error:

@@ -154,6 +154,8 @@ def _find_format(path: Path, options: LoadOptions) -> Format:
             fix = converter(".n5") if is_n5(path) else "name a file in it"
             raise expected("path", f"a file, or a folder of {names}", "N5" if is_n5(path) else "another folder", fix)
         return form
+    if path.exists() and not path.is_file():
+        raise expected("path", "a file", "a pipe or device", "save it to a file first")
     has_bytes = path.is_file() and path.stat().st_size > 0
     contents = identify(path) if has_bytes else ""
     if named and (not has_bytes or contents in (named.title, *named.starts) or (not contents and "?" in named.starts)):
@@ -195,7 +197,7 @@ def _similar_name(path: Path) -> str:
 def _check_file(path: Path, form: Format, options: LoadOptions) -> None:
     """Raises InputError for no file, no bytes, another format and unsupported options, before any reader runs."""
     is_folder = path.is_dir() or is_pattern(path)
-    kind = "folder" if is_folder else "file" if path.is_file() else "pipe or device"
+    kind = "folder" if is_folder else "file"
     if not (path.exists() or is_folder):
         raise expected("path", "a file", "nothing of that name", _similar_name(path) or "check the path")
     if kind not in form.kinds:

@@ -43,8 +43,8 @@ _MATRIX_NAMES = ("TransformMatrix", "Rotation", "Orientation")
 _SIDES = {"R": (0, 1), "L": (0, -1), "A": (1, 1), "P": (1, -1), "I": (2, 1), "S": (2, -1)}
 # a name with a place for a number, such as slice%03d.raw
 _PATTERN = re.compile(r"[^%]*%0?[0-9]{0,2}d[^%]*")
-# longest header line in bytes; a longer one means another kind of file
-_LINE_LIMIT = 4096
+# longest header, with comments, and longest name of a file, in bytes; longer ones mean another kind of file
+_HEADER_LIMIT, _LINE_LIMIT = 2**20, 4096
 # most header lines: the format has some forty fields, and programs add their own
 _LINES_LIMIT = 10_000
 Fields = dict[str, str]
@@ -131,9 +131,9 @@ def _header(path: Path) -> tuple[Fields, list[str], int]:
     lines = 0
     with path.open("rb") as file:
         while "ElementDataFile" not in fields:
-            line = file.readline(_LINE_LIMIT)
+            line = file.readline(_HEADER_LIMIT)
             key, equals, value = line.decode("latin-1").partition("=")
-            if (line.strip() and not equals) or len(line) == _LINE_LIMIT or not key.strip().isascii():
+            if (line.strip() and not equals) or file.tell() > _HEADER_LIMIT or not key.strip().isascii():
                 raise expected("header", "lines 'key = value'", repr(line[:16]), "is this a MetaImage file?")
             if not line:
                 raise expected("header", "a last line 'ElementDataFile = …'", "none", "the file is cut short")

@@ -157,8 +157,8 @@ _TYPES = {
     **{"vtktypeint64": ">i8", "vtktypeuint64": ">u8", "vtkidtype": ">i4", "float": ">f4", "double": ">f8"},
 }
 
-# longest header line in bytes; a longer one means another kind of file
-_LINE_LIMIT = 4096
+# longest header line, and longest title, in bytes; a longer one means another kind of file
+_LINE_LIMIT, _TITLE_LIMIT = 4096, 2**20
 _COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1}
 
 Words = list[str]
@@ -270,7 +270,7 @@ def _is_binary(file: BinaryIO) -> bool:
     first = file.readline(_LINE_LIMIT)
     if not first.lower().startswith(b"# vtk datafile"):
         raise expected("first line", "'# vtk DataFile Version …'", repr(first[:16]), "is this a legacy VTK file?")
-    file.readline(_LINE_LIMIT)
+    file.readline(_TITLE_LIMIT)
     coding = file.readline(_LINE_LIMIT).strip().upper()
     if coding not in (b"ASCII", b"BINARY"):
         raise expected("third line", "ASCII or BINARY", repr(coding[:16]))

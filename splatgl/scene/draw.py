@@ -341,7 +341,7 @@ def progress_bar(unit: str, is_quiet: bool, alike: bool = False) -> Iterator[Cal
 
 def terminal_bar(is_quiet: bool = False, **options: Any) -> AbstractContextManager[Any]:
     """A bar of tqdm with these options; a context of None without tqdm, and if stderr is no terminal."""
-    if is_quiet or not sys.stderr.isatty():
+    if is_quiet or not (sys.stderr and sys.stderr.isatty()):
         return nullcontext()
     try:
         from tqdm import tqdm

@@ -248,7 +248,7 @@ PATIENCE = 1.0
 
 def extraction_bar(parts: Iterator[Any], count: int) -> Iterator[Any]:
     """Progress bar over parts of a volume, if tqdm is installed and stderr is a terminal."""
-    if not sys.stderr.isatty():
+    if not (sys.stderr and sys.stderr.isatty()):
         return parts
     try:
         from tqdm import tqdm

@@ -21,7 +21,7 @@ import splatgl as sg
 from splatgl.animation import animation
 from splatgl.animation.animation import Frames, scale_xray
 from splatgl.animation.camera_track import Swept, between, keyframes, turning
-from splatgl.animation.movie import read_ahead, volumes
+from splatgl.animation.movie import expanded, gif_times, read_ahead, volumes
 from splatgl.cli.main import main
 from splatgl.scene.draw import ProgressLines, duration
 from splatgl.scene.scene_file import SceneFile
@@ -477,16 +477,25 @@ def test_movies(suffix: str, here: Path) -> None:
         assert np.abs(shown[n][:24, :33] - right).mean() < 12
 
 
-def test_a_movie_goes_on_from_its_frames(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("stop", [KeyboardInterrupt(), sg.InputError("m.gif: cannot be written: no space left")])
+def test_a_movie_goes_on_from_its_frames(
+    stop: BaseException, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The frames that stay are told, from the command as from Python."""
     from splatgl.animation import api
 
     def killed(*_: object) -> None:
-        raise KeyboardInterrupt
+        raise type(stop)(*stop.args)
 
     monkeypatch.setattr(api, "write_movie", killed)
     arguments = ["ball.npy", "-o", "m.gif", "--frames", "3"]
-    assert animate(*arguments) == 130
+    assert animate(*arguments) == (130 if isinstance(stop, KeyboardInterrupt) else 2)
     assert len(list(Path("m.gif.frames").iterdir())) == 3
+    told = "3 of 3 frames stay in m.gif.frames; --resume, in Python resume=True, continues from them"
+    assert capsys.readouterr().err.splitlines()[-1] == f"splatgl: {told}"
+    with pytest.raises(type(stop)) as error:
+        sg.animate("ball.npy", "n.gif", frames=2, size=8)
+    assert error.value.__notes__ == [told.replace("3", "2").replace("m.gif", "n.gif")]
     monkeypatch.undo()
     monkeypatch.chdir(here)
     assert animate(*arguments, "--resume") == 0
@@ -604,3 +613,28 @@ def test_what_takes_all_splats_of_a_volume_beyond_memory_is_refused(
     error = capsys.readouterr().err
     assert "v.npy: expected a volume that fits into 1.0 MiB" in error and error.count("\n") == 1
     assert not list(Path().glob("[0-9]*"))
+
+
+@pytest.mark.parametrize("fps", [7, 24, 30, 40, 50, 60, 90, 240])
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 97])
+def test_a_gif_keeps_its_speed(count: int, fps: float) -> None:
+    """In hundredths of a second, of which browsers show at least two; to within a hundredth at each frame."""
+    chosen, durations = gif_times(count, fps)
+    begins = np.cumsum([0, *durations])
+    assert chosen[0] == 0 and min(durations) >= 20 and all(duration % 10 == 0 for duration in durations)
+    assert np.abs(begins[:-1] - 1000 * np.array(chosen) / fps).max() <= 5
+    assert abs(begins[-1] - 1000 * count / fps) <= 20 and (fps > 50 or chosen == list(range(count)))
+
+
+def test_patterns_in_folders_with_brackets(here: Path) -> None:
+    folder = here / "run [1]"
+    folder.mkdir()
+    for number in (10, 2):
+        shutil.copy("ball.npy", folder / f"t{number}.npy")
+    assert expanded(["run [1]/t*.npy"]) == ["run [1]/t2.npy", "run [1]/t10.npy"]
+    # no patterns: a missing file in it, and an address
+    for source in ("run [1]/t9.npy", "https://host/a.nrrd?b=[1]"):
+        assert expanded([source]) == [source]
+    assert animate("run [1]/t*.npy", "-o", "out [2]{frame}.png") == 0 and Path("out [2]1.png").is_file()
+    with pytest.raises(sg.InputError, match="the file's name alone"):
+        expanded(["run [12]/t*.npy"])

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import os
+import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from inspect import signature
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.cli.main import COMMANDS, _command_of, _parser, main
@@ -351,6 +355,109 @@ def test_a_reader_that_leaves_is_no_error(typed: str, here: Path) -> None:
         command = [sys.executable, "-m", "splatgl", *typed.split()]
         done = subprocess.run(command, stdout=pipe, stderr=subprocess.PIPE, check=False)
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+class Broken(io.StringIO):
+    """A stream that takes no text."""
+
+    def __init__(self, reason: Exception) -> None:
+        super().__init__()
+        self.reason = reason
+
+    def write(self, text: str) -> int:
+        raise self.reason
+
+
+# what is there of standard output, what is told of it, and the exit code
+STREAMS: dict[str, tuple[Callable[[], Any], str, int]] = {
+    "missing": (lambda: None, "", 0),
+    "closed": (lambda: Broken(ValueError("I/O operation on closed file")), "", 0),
+    "full": (lambda: Broken(OSError(28, "No space left on device")), "No space left on device", 2),
+    "of a reader that left": (lambda: Broken(BrokenPipeError()), "", 0),
+}
+WORK = {
+    "render noise.npy --size 8 -o o.png": "o.png",
+    "render noise.npy --size 8 -o o.npy --json": "o.npy",
+    "info noise.npy --json": "",
+    "compare right.png right.png --diff o.png": "o.png",
+    "animate noise.npy --frames 2 --size 8 -o o{frame}.png": "o1.png",
+    "convert noise.npy o.npy": "o.npy",
+    "presets": "",
+    "--help": "",
+    "--version": "",
+}
+
+
+@pytest.mark.parametrize("stream", STREAMS)
+@pytest.mark.parametrize("typed", WORK)
+def test_work_is_done_where_nothing_can_be_printed(
+    typed: str, stream: str, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said
+) -> None:
+    """As under pythonw, schedulers, full disks and closed pipes: files are written, and the lack of space is told."""
+    Pillow.new("RGB", (9, 9)).save("right.png")
+    make, told, code = STREAMS[stream]
+    before = make()
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", before)
+        assert ended(typed.split()) == code
+        assert sys.stdout is before
+    assert (f"splatgl: standard output: cannot be written: {told}\n" if told else "") in capsys.readouterr().err
+    assert not WORK[typed] or Path(WORK[typed]).is_file()
+    assert not [name for name in os.listdir() if name.startswith(".")]
+    # errors are worth an exit code, too
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", make())
+        patch.setattr(sys, "stderr", make())
+        assert ended(["info", "nothing.npy"]) == 2 and ended(["render", "--nothing"]) == 2
+        assert ended(typed.split()) == code
+
+
+def test_a_difference_is_told_by_the_exit_code_alone(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, color in (("a.png", 0), ("b.png", 9)):
+        Pillow.new("L", (9, 9), color).save(name)
+    for make, _, _ in STREAMS.values():
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "stdout", make())
+            assert main(["compare", "a.png", "b.png", "--report", "r.html"]) == 1
+
+
+@pytest.mark.few(2)
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.parametrize(
+    ("redirected", "codes"),
+    [(">&-", (0, 1)), (">/dev/full", (2, 1)), ("2>&-", (0, 1)), ("2>/dev/full", (0, 1)), ("<&- >&- 2>&-", (0, 1))],
+)
+def test_descriptors_that_are_closed_or_full(redirected: str, codes: tuple[int, int], here: Path) -> None:
+    """No file takes the number of a descriptor that is closed, and Python complains of nothing when it ends."""
+    for name, color in (("a.png", 0), ("b.png", 9)):
+        Pillow.new("L", (9, 9), color).save(name)
+    program = f"{shlex.quote(sys.executable)} -m splatgl"
+    for typed, code in (("convert noise.npy o.npy", codes[0]), ("compare a.png b.png", codes[1])):
+        done = subprocess.run(["sh", "-c", f"{program} {typed} {redirected}"], capture_output=True, check=False)
+        assert done.returncode == code and len(done.stderr.splitlines()) <= 1 and b"Traceback" not in done.stderr
+    assert np.array_equal(np.load("o.npy"), np.load("noise.npy"))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_pipes_are_no_files(here: Path, capsys: Said) -> None:
+    """Neither read, which would wait for ever, nor replaced; in one line."""
+    Pillow.new("RGB", (9, 9)).save("a.png")
+    for name in ("p.npy", "p", "p.png", "p.gif"):
+        os.mkfifo(name)
+    for typed, told in (
+        ("info p.npy", "p.npy: path: expected a file, got a pipe or device"),
+        ("info p", "p: path: expected a file, got a pipe or device; save it to a file first"),
+        ("info /dev/null", "/dev/null: path: expected a file, got a pipe or device"),
+        ("compare p.png a.png", "p.png: cannot be read: a pipe or device"),
+        ("compare a.png p.png", "p.png: cannot be read: a pipe or device"),
+        ("compare a.png a.png --mask p.png", "p.png: cannot be read: a pipe or device"),
+        ("render noise.npy --size 8 -o o.png --ref p.png", "p.png: cannot be read: a pipe or device"),
+        ("render noise.npy --size 8 -o p.png", "p.png: expected a file to write, got a pipe or device"),
+        ("animate noise.npy --frames 2 --size 8 -o p.gif", "p.gif: expected a file to write, got a pipe or device"),
+    ):
+        assert main(typed.split()) == 2
+        assert told in capsys.readouterr().err.splitlines()[-1]
+    assert set(os.listdir()) == {"noise.npy", "x.raw", "two.npz", "a.png", "p.npy", "p", "p.png", "p.gif"}
 
 
 # --- what is told ----------------------------------------------------------------------------------------------------

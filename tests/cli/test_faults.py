@@ -114,3 +114,37 @@ def test_ctrl_c_in_the_middle(tmp_path: Path) -> None:
             run.kill()
     assert (run.returncode, error) == (130, "splatgl: interrupted\n")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize(("sent", "ignored"), [("SIGTERM", False), ("SIGHUP", False), ("SIGHUP", True)])
+def test_signals_of_schedulers_leave_no_part(sent: str, ignored: bool, tmp_path: Path) -> None:
+    """A folder that is being written disappears, and the exit code is that of the signal; nohup is respected."""
+    if not hasattr(signal, sent):
+        pytest.skip("a signal of other systems")
+    np.save(tmp_path / "v.npy", np.zeros((4, 4, 4), np.float32))
+    handler = "SIG_IGN" if ignored else "SIG_DFL"
+    program = f"""
+import os, signal, sys
+from pathlib import Path
+from splatgl.cli import convert
+from splatgl.cli.main import main
+from splatgl.fileio import atomic_folder
+
+def write(args):
+    with atomic_folder(Path("out.zarr")) as part:
+        part.mkdir()
+        os.kill(os.getpid(), signal.{sent})
+    return 0
+
+signal.signal(signal.{sent}, signal.{handler})
+convert.run = write
+sys.argv = ["splatgl", "convert", "v.npy", "out.zarr"]
+sys.exit(main())
+"""
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
+    if ignored:
+        assert (done.returncode, done.stderr) == (0, "")
+    else:
+        assert (done.returncode, done.stderr) == (128 + getattr(signal, sent), "splatgl: interrupted\n")
+    assert {path.name for path in tmp_path.iterdir()} == ({"v.npy", "out.zarr"} if ignored else {"v.npy"})

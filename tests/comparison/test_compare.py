@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
+from splatgl.cli.main import main
+from splatgl.comparison.image_regression import ImageRegression
 from splatgl.comparison.pictures import Picture, match_formats, read
 from splatgl.comparison.verdict import Tolerance, judge
 from splatgl.data.color import linear_from_srgb
@@ -184,7 +189,7 @@ def test_every_form_of_png(channels: int, kind: type[np.integer], tmp_path: Path
     alpha = samples[..., -1:] if channels in (2, 4) else np.full_like(samples[..., :1], np.iinfo(kind).max)
     assert np.allclose(found.image.pixels, linear(np.concatenate([color, alpha], -1)), rtol=3e-7, atol=1e-9)
     assert found.mode == ("gray", "gray with alpha", "RGB", "RGBA")[channels - 1]
-    assert found.bits == np.iinfo(kind).bits
+    assert found.image.bits == np.iinfo(kind).bits
 
 
 def test_a_palette_is_what_it_shows(tmp_path: Path) -> None:
@@ -208,8 +213,8 @@ def test_rounded_is_what_a_file_brings_back(bits: int, tmp_path: Path) -> None:
 
 def test_the_finer_is_rounded_to_the_coarser() -> None:
     image = sg.Image(np.full((2, 2, 4), 0.4567, np.float32))
-    floats, coarse = Picture("a", image), Picture("b", image.rounded(8), "RGBA", 8)
-    fine = Picture("c", image.rounded(16), "RGBA", 16)
+    floats, coarse = Picture("a", image), Picture("b", image.rounded(8), "RGBA")
+    fine = Picture("c", image.rounded(16), "RGBA")
     for first, second in ((floats, coarse), (coarse, fine), (fine, floats)):
         x, y = match_formats(first, second)
         assert (x.pixels == y.pixels).all()
@@ -243,3 +248,80 @@ def test_python_judges_as_the_command_does() -> None:
     for wrong in ({"report": "x.html"}, {"nois": "driver"}, {"noise": "much"}, {"max_rmse": -1}):
         with pytest.raises(sg.InputError, match=next(iter(wrong)).replace("_", "[-_]")):
             sg.judge(pictures[0], pictures[0], **wrong)
+
+
+FORMATS = {"a.png": 8, "b.png": 16, "c.npy": None, "d.tif": None, "e.exr": None}
+
+
+@pytest.mark.parametrize("blend", ["composite", "xray"])
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_picture_is_the_same_as_its_own_file(
+    name: str, blend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For `judge`, `compare`, the command and pytest's fixture, both ways round."""
+    monkeypatch.chdir(tmp_path)
+    if name.endswith(".exr"):
+        pytest.importorskip("OpenEXR", reason="OpenEXR is in the extra exr")
+    alpha = RNG.random((19, 18, 1)).astype(np.float32)
+    pixels = np.concatenate([RNG.random((19, 18, 3)).astype(np.float32) * alpha, alpha], -1)
+    image = sg.Image(pixels * np.float32(3 if blend == "xray" else 1), {"blend": blend})
+    image.save(name, FORMATS[name] or 8)
+    back = sg.Image.load(name)
+    assert back.bits == FORMATS[name] and image.bits is None
+    for pair in ((image, back), (back, image), (image, name), (name, Path(name)), (image, image.rounded())):
+        assert sg.judge(*pair).same, sg.judge(*pair)
+        assert sg.compare(*pair).maximum == 0
+    assert sg.compare(image, back).peak == pytest.approx(3 * alpha.max() if blend == "xray" else 1)
+    np.save("floats.npy", image.pixels)
+    assert main(["compare", "floats.npy", name]) == 0
+    drawn = ImageRegression("t", Path("t.py"), Path("baselines"), "t", "update", [])
+    drawn(back, name="x", bits=FORMATS[name])
+    ImageRegression("t", Path("t.py"), Path("baselines"), "t", "", [])(image, name="x", bits=FORMATS[name])
+
+
+@pytest.mark.parametrize("compared", [sg.compare, sg.judge])
+def test_what_is_compared_is_coerced(
+    compared: Callable[..., object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    samples = RNG.integers(0, 256, (9, 8, 3)).astype(np.uint8)
+    Pillow.fromarray(samples).save("a.png")
+    for like in ("a.png", Path("a.png"), Path("a.png").read_bytes(), samples, Pillow.open("a.png")):
+        found = compared(like, sg.Image.from_samples(samples))
+        comparison: Any = getattr(found, "comparison", found)
+        assert comparison.maximum == 0
+    Pillow.fromarray(samples).save("a.gif", save_all=True, append_images=[Pillow.fromarray(255 - samples)])
+    for wrong, told in (
+        (None, "expected an Image, a file, its bytes, .* got NoneType"),
+        ([1, 2], "got int64"),
+        (3, "got int64"),
+        (samples / 255, "floats need colour and alpha"),
+        ("b.png", "b.png: cannot be read: no such file"),
+        (Path(), "a directory"),
+        ("a.gif", "a.gif: expected one picture, got 2 pages or frames"),
+        (b"text", "image of 4 bytes"),
+        (samples[:0], r"got uint8 \(0, 8, 3\)"),
+    ):
+        for pair, which in (((wrong, samples), "first picture: "), ((samples, wrong), "second picture: ")):
+            with pytest.raises(sg.InputError, match=told) as error:
+                compared(*pair)
+            assert "\n" not in str(error.value)
+            assert ": expected one" in str(error.value) or "cannot" in str(error.value) or which in str(error.value)
+
+
+def test_floats_that_differ_by_less_than_a_step_are_no_noise_of_drivers() -> None:
+    image = sg.Image(np.full((9, 9, 4), 0.5, np.float32))
+    assert "scattered" not in str(sg.judge(sg.Image(image.pixels + np.float32(1e-3)), image))
+
+
+def test_a_page_that_is_waited_for_is_told() -> None:
+    class Page:
+        """As of Playwright's asyncio."""
+
+        def screenshot(self) -> asyncio.Future[bytes]:
+            loop = asyncio.new_event_loop()
+            loop.close()
+            return asyncio.Future(loop=loop)
+
+    with pytest.raises(sg.InputError, match=r"give the bytes of await page.screenshot\(\)"):
+        sg.compare(Page(), flat())

@@ -35,7 +35,8 @@ def pair(name: str) -> tuple[sg.Image, sg.Image]:
     pixels = np.clip(pixels, 0, 1)
     if photo:
         pixels[..., 3] = 1
-    return sg.Image(pixels), right
+    # as floats, which are compared as they are
+    return sg.Image(pixels), sg.Image(right.pixels)
 
 
 PICTURES = [*PHOTOGRAPHS, "tunnel-composite", "terrain-composite", "nerve-mip"]
@@ -256,3 +257,116 @@ def test_a_small_faint_object_is_missed_by_no_one(kind: str) -> None:
     verdict = judge(*pictures)
     assert not verdict.same and verdict.comparison.box == (200, 100, 232, 132)
     assert verdict.comparison.share_over == (32 / 512) ** 2
+
+
+# --- levels, and changes in one place ---------------------------------------------------------------------------------
+
+
+def changed(points: list[tuple[int, int]], ground: tuple[int, ...], off: int, channel: int = 0) -> sg.Verdict:
+    """The verdict for drivers on 100×200 samples of which some pixels, (row, column), are `off` in a channel."""
+    right = np.tile(np.uint8(ground), (100, 200, 1))
+    actual = right.copy()
+    for row, column in points:
+        actual[row, column, channel] += off
+    return sg.judge(*(sg.Image.from_samples(samples) for samples in (actual, right)), noise="driver")
+
+
+SCATTERED = [(row, 7 * row % 181) for row in range(3, 99, 9)]
+
+
+@pytest.mark.parametrize("off", [3, 8, 9, 15])
+@pytest.mark.parametrize(
+    "ground", [(0, 0, 0), (10, 10, 10), (40, 0, 90), (128, 128, 128), (240, 9, 0), (60, 60, 60, 90)]
+)
+def test_a_level_is_a_step_of_samples(ground: tuple[int, ...], off: int) -> None:
+    """In the darks as in bright and translucent pixels: 8 pass and 9 do not, and the number is the difference."""
+    for channel in range(len(ground)):
+        if (ground[channel] + off) <= 255:
+            verdict = changed(SCATTERED, ground, off, channel)
+            assert verdict.comparison.levels == off and verdict.same == (off <= 8)
+            limited = sg.judge(
+                *([sg.Image.from_samples(np.full((9, 9, 3), n, np.uint8)) for n in (off, 0)]), max_levels=8
+            )
+            assert limited.same == (off <= 8) and (limited.same or limited.broken == f"levels {off} > 8")
+
+
+def test_levels_of_colors_that_nobody_sees_and_of_rounding_do_not_count() -> None:
+    right = np.zeros((9, 9, 4), np.uint8)
+    hidden = right.copy()
+    hidden[4, 4, :3] = 200
+    assert sg.judge(*map(sg.Image.from_samples, (hidden, right)), max_levels=0).same
+    # float pixels of less than half a level of alpha
+    a, b = np.zeros((9, 9, 4), np.float32), np.zeros((9, 9, 4), np.float32)
+    a[4, 4], b[4, 4] = (1e-3, 0, 0, 1e-3), (0, 0, 1e-3, 1e-3)
+    assert metrics.largest_level(a, b, 1.0) == pytest.approx(0, abs=0.01)
+    # a colour behind which there is next to nothing, and that rounding explains
+    a[4, 4], b[4, 4] = (3e-3, 2.7e-3, 0, 3e-3), (2.8e-3, 3e-3, 0, 3e-3)
+    assert metrics.largest_level(a, b, 1.0) == 1
+    # of X-rays by their scale
+    full = np.full((9, 9, 4), 40, np.float32)
+    assert metrics.largest_level(full * np.float32(0.9), full, 40.0) == pytest.approx(255 * 0.1, abs=0.01)
+
+
+def line(length: int, slope: float = 0.0, step: int = 1, along: int = 1) -> list[tuple[int, int]]:
+    """Every `step`-th pixel of a line, (row, column); along: the axis of which it is a function."""
+    points = [(9 + round(slope * place), 5 + place) for place in range(0, length, step)]
+    return points if along else [(column, row) for row, column in points]
+
+
+def circle(radius: int) -> list[tuple[int, int]]:
+    angles = np.linspace(0, 2 * np.pi, 1000)
+    return sorted({(50 + round(radius * np.sin(a)), 90 + round(radius * np.cos(a))) for a in angles.tolist()})
+
+
+IN_ONE_PLACE = {
+    "of 192 pixels": line(192),
+    "of 90 pixels down": line(90, along=0),
+    "diagonal": line(90, 1.0),
+    "rising by a third": line(190, 0.37),
+    "steep": line(90, 0.81, along=0),
+    "dashed": [(row, column) for row, column in line(192) if column % 4 < 2],
+    "dashed down": [(row, column) for row, column in line(90, along=0) if row % 4 < 2],
+    "dotted": line(192, 0.25, step=3),
+    "short": line(9),
+    "circle of radius 4": circle(4),
+    "circle of radius 12": circle(12),
+    "square": [(row, column) for row in range(30, 33) for column in range(30, 33)],
+}
+
+
+@pytest.mark.parametrize("off", [3, 8])
+@pytest.mark.parametrize("shape", IN_ONE_PLACE)
+def test_a_change_in_one_place_is_no_noise_of_drivers(shape: str, off: int) -> None:
+    """On pictures so large that few pixels differ in all: lines and outlines as well as areas."""
+    verdict = changed(IN_ONE_PLACE[shape], (90, 120, 40), off)
+    assert verdict.comparison.levels == off
+    assert "density" in verdict.broken
+
+
+def test_eight_pixels_in_one_place_and_scattered_noise_pass() -> None:
+    assert changed(line(8), (90, 120, 40), 3).same
+    rng = np.random.default_rng(4)
+    for _ in range(3):
+        over = rng.random((512, 512)) < 0.005
+        assert metrics.densest_share(over) <= 8 / 49
+    assert metrics.densest_share(np.ones((40, 40), bool)) == 1
+
+
+@pytest.mark.parametrize(("height", "width"), [(7, 7), (8, 39), (38, 9), (39, 8), (40, 7), (71, 8)])
+def test_windows_reach_every_rim(height: int, width: int) -> None:
+    """SSIM and density against every whole window one by one, also where the last band holds a single row of them."""
+    rng = np.random.default_rng(height)
+    a, b = rng.random((2, height, width, 1))
+    a[-1] += 0.5
+    windows = [(a[y : y + 7, x : x + 7], b[y : y + 7, x : x + 7]) for y in range(height - 6) for x in range(width - 6)]
+
+    def of_window(x: np.ndarray, y: np.ndarray) -> float:
+        covariance = np.cov(x.ravel(), y.ravel())
+        means = 2 * x.mean() * y.mean() + 1e-4, x.mean() ** 2 + y.mean() ** 2 + 1e-4
+        return float(means[0] * (2 * covariance[0, 1] + 9e-4) / (means[1] * (np.trace(covariance) + 9e-4)))
+
+    assert metrics.ssim(a, b) == pytest.approx(np.mean([of_window(x, y) for x, y in windows]), abs=1e-9)
+    for place in ((0, 0), (height - 2, 0), (0, width - 2), (height - 2, width - 2)):
+        over = np.zeros((height, width), bool)
+        over[place[0] : place[0] + 2, place[1] : place[1] + 2] = True
+        assert metrics.densest_share(over) == 4 / 49

@@ -408,8 +408,22 @@ class Plotly:
         return figure.getvalue()
 
 class Plotter:
-    def screenshot(self, return_img):
+    def screenshot(self, filename=None, return_img=True):
         return np.full((8, 9, 3), 77, np.uint8)
+
+class Page:
+    def screenshot(self, *, type=None, path=None, full_page=False):
+        return Plotly().to_image("png")
+
+class Driver:
+    def get_screenshot_as_png(self):
+        return Page().screenshot()
+
+class Element:
+    screenshot_as_png = Page().screenshot()
+
+    def screenshot(self, filename):
+        raise AssertionError
 
 def test_kinds(splatgl_image, tmp_path):
     gray = np.full((8, 9), 99, np.uint8)
@@ -419,6 +433,8 @@ def test_kinds(splatgl_image, tmp_path):
     splatgl_image(Figure(), name="figure")
     splatgl_image(Plotly(), name="plotly")
     splatgl_image(Plotter(), name="plotter")
+    for image in (Page(), Driver(), Element()):
+        splatgl_image(image, name="page")
 
 def test_spot(splatgl_image):
     image = picture()
@@ -442,12 +458,12 @@ def test_settings_of_the_project(pytester: pytest.Pytester, monkeypatch: pytest.
     pytester.mkdir("tests").joinpath("test_set.py").write_text("import io, PIL.Image\n" + TEST + CONFIGURED)
     assert pytester.runpytest("--splatgl-update-class").ret == 0
     names = {Path(name).relative_to("kept/tests/test_set").as_posix() for name in baselines(pytester)}
-    called = ("gray", "white", "figure", "plotly", "plotter", "test_spot", "test_strict")
+    called = ("gray", "white", "figure", "plotly", "plotter", "page", "test_spot", "test_strict")
     vendor = f".cpu-{processor_vendor()}.png"
     assert names == {name + vendor for name in called}
     monkeypatch.setenv("SPOT", "1")
     pytester.runpytest().assert_outcomes(passed=3)
-    assert "✅ Image regression: 10 same" in (pytester.path / "out" / "s.md").read_text(encoding="utf-8")
+    assert "✅ Image regression: 13 same" in (pytester.path / "out" / "s.md").read_text(encoding="utf-8")
     ini = pytester.path / "tox.ini"
     plain = ini.read_text()
     ini.write_text(plain + "\nsplatgl =\n  ignore = [[0, 0, 3, 3]]\n  max-rmse = 0.001\n")
@@ -513,3 +529,16 @@ def test_the_guides_sample_project(pytester: pytest.Pytester) -> None:
     result.stdout.fnmatch_lines([said.replace("64×30", "*×*")])
     assert (pytester.path / "image-report" / "index.html").is_file()
     assert "test_bars | different |" in (pytester.path / "summary.md").read_text(encoding="utf-8")
+
+
+def test_names_that_differ_in_case_alone_are_refused(pytester: pytest.Pytester) -> None:
+    """Where they are written as where they are there, such as from a system that tells them apart."""
+    pytester.makepyfile(test_case=TEST + "def test_it(splatgl_image):\n    splatgl_image(picture(), name='Front')\n")
+    pytester.runpytest("--splatgl-update").assert_outcomes(passed=1)
+    pytester.makepyfile(test_case=TEST + "def test_it(splatgl_image):\n    splatgl_image(picture(), name='front')\n")
+    told = "baseline front: expected a name that differs in more than case, got Front; rename one of them: macOS and*"
+    for options in ((), ("--splatgl-update",)):
+        result = pytester.runpytest(*options)
+        result.assert_outcomes(failed=1)
+        result.stdout.fnmatch_lines([told])
+    assert [Path(name).name for name in baselines(pytester)] == ["Front.png"]

@@ -504,6 +504,21 @@ def test_a_file_that_can_be_mapped_is_not_read(tmp_path: Path, kind: str) -> Non
     assert peak < 2**20
 
 
+COMMENT = 15_000 * "long "
+COMMENTED = {
+    "a.nrrd": f"NRRD0004\n# {COMMENT}\ntype: uchar\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n\n",
+    "a.mha": f"Comment = {COMMENT}\nNDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n",
+    "a.vtk": f"# vtk DataFile Version 3.0\n{COMMENT}\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS 2 2 2\n"
+    "POINT_DATA 8\nSCALARS s unsigned_char\nLOOKUP_TABLE default\n",
+}
+
+
+@pytest.mark.parametrize("name", COMMENTED)
+def test_comments_may_be_long(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(COMMENTED[name].encode() + bytes(range(8)))
+    assert load(tmp_path / name).samples.ravel().tolist() == list(range(8))
+
+
 # --- the phantom ------------------------------------------------------------------------------------------------------
 
 
