@@ -6,7 +6,7 @@ import math
 import os
 import zipfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -440,4 +440,8 @@ def whole_number(value: Any, least: int) -> int:
 
 def plain_text(value: Any) -> str:
     """Printable text of a tag, at most 64 characters."""
-    return "".join(c if c.isprintable() else "?" for c in str(value or ""))[:64].strip()
+    text = str(value or "")
+    with suppress(UnicodeError):
+        # UTF-8 without SpecificCharacterSet, which pydicom takes for Latin-1
+        text = text.encode("latin-1").decode("utf-8")
+    return "".join(c if c.isprintable() else "?" for c in text)[:64].strip()

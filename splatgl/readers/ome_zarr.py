@@ -16,13 +16,21 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import METRES, Coordinate, axis_kind, make_lattice, shared_unit, unit_name, value_unit_name
+from splatgl.data.affine import (
+    Coordinate,
+    axis_kind,
+    make_lattice,
+    metres_in,
+    seconds_in,
+    shared_unit,
+    unit_name,
+    value_unit_name,
+)
 from splatgl.data.volume import Hints, Label, Triple, Volume
 from splatgl.errors import Choice, expected, import_extra, list_names
 from splatgl.fileio import WHOLE_BYTES, byte_count
 from splatgl.readers.channels import (
     MOST_CHANNELS,
-    SECONDS,
     Channel,
     ChannelSet,
     hex_color,
@@ -176,7 +184,7 @@ def _time_step(multiscale: Mapping[str, Any] | None, names: list[str]) -> float 
     if multiscale is None or not axes or "t" not in names:
         return None
     axis = axes[names.index("t")]
-    unit = SECONDS.get(axis.get("unit", "")) if isinstance(axis, Mapping) else None
+    unit = seconds_in(axis.get("unit")) if isinstance(axis, Mapping) else None
     scale = 1.0
     for owner in (*multiscale["datasets"][:1], multiscale):
         for step in owner.get("coordinateTransformations", ()):
@@ -482,7 +490,7 @@ def _read_volume(
     if multiscale is None:
         grid = make_lattice(read_coordinates(group, node, names), even=options.spacing is not None)
         unit = value_unit_name(str(node.attrs.asdict().get("units") or ""))
-        unit = "" if unit_name(unit) in METRES else unit
+        unit = "" if metres_in(unit) else unit
         about = array_fields(node.path.rsplit("/", 1)[-1], array.dtype, unit, grid.unit)
         return grid.volume(samples, "coordinates", **about)
     spacing, origin = _grid(multiscale, node.path.rsplit("/", 1)[-1], names)
