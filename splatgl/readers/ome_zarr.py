@@ -294,8 +294,12 @@ def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tu
     if options.array is not None:
         if options.well is not None or options.field is not None:
             raise expected("array", "none beside well and field", repr(options.array), "leave it out")
-        node = group.get(str(options.array).strip("/")) if str(options.array).strip("/") else group
-        return (node, replace(options, array=None), ()) if isinstance(node, zarr.Group) else (group, options, ())
+        name = _plain(str(options.array))
+        node = group.get(name) if name else group
+        if isinstance(node, zarr.Group):
+            return node, replace(options, array=None), ()
+        owner, name = _find_owner(group, name, remote)
+        return owner, replace(options, array=name), ()
     if isinstance(attributes.get("plate"), Mapping) or isinstance(attributes.get("well"), Mapping):
         return _select_field(group, attributes, options, remote)
     for name in ("well", "field"):
@@ -312,12 +316,25 @@ def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tu
     images = _find_images(group)
     if not images:
         return group, options, ()
-    names = [image.path[len(group.path) :].strip("/") for image in images]
+    names = [_plain(image.path[len(group.path) :]) for image in images]
     first = images[0] if isinstance(images[0], zarr.Group) else group
     remaining = options if first is images[0] else replace(options, array=names[0])
     others = list_names(names[1:])
     notes = (f"image {names[0]} of {len(names)} is read; --array picks another: {others}",) if len(names) > 1 else ()
     return first, remaining, notes
+
+
+def _find_owner(group: Any, path: str, remote: Remote | None) -> tuple[Any, str]:
+    """(the multiscale image below a group that an array is a level of, its path there); the group without one."""
+    steps = path.split("/")
+    for count in range(len(steps) - 1, 0, -1):
+        above, name = "/".join(steps[:count]), "/".join(steps[count:])
+        if remote:
+            remote.refresh([f"{above}/{file}" for file in METADATA])
+        multiscale = _multiscale(group[above]) if above in group else None
+        if multiscale and any(entry["path"] == name for entry in multiscale["datasets"]):
+            return group[above], name
+    return group, path
 
 
 def _select_field(
@@ -430,7 +447,7 @@ def list_images(path: Path) -> list[str]:
         for image in images:
             multiscale = _multiscale(image) if isinstance(image, zarr.Group) else None
             array = image[multiscale["datasets"][0]["path"]] if multiscale else image
-            lines.append(f"* {image.path[len(group.path) :].strip('/') or '/'}  {_describe_array(array)}")
+            lines.append(f"* {_plain(image.path[len(group.path) :]) or '/'}  {_describe_array(array)}")
             names = list_labels(image) if multiscale else []
             lines += [f"* {f'{image.path}/labels/{name}'.strip('/')}  labels, --labels {name}" for name in names]
         return lines
@@ -456,7 +473,7 @@ def find_labels(path: Path, options: LoadOptions, name: str) -> str:
         if name not in names:
             this = f"a file, or one of {list_names(names) or 'the labels beside an image'}"
             raise expected("labels", this, repr(name))
-        return f"{image.path[len(group.path) :]}/labels/{name}".strip("/")
+        return _plain(f"{image.path[len(group.path) :]}/labels/{name}")
 
 
 def _is_volume(array: Any) -> bool:
@@ -493,7 +510,7 @@ def _read_volume(
         unit = "" if metres_in(unit) else unit
         about = array_fields(node.path.rsplit("/", 1)[-1], array.dtype, unit, grid.unit)
         return grid.volume(samples, "coordinates", **about)
-    spacing, origin = _grid(multiscale, node.path.rsplit("/", 1)[-1], names)
+    spacing, origin = _grid(multiscale, _plain(node.path[len(group.path) :]), names)
     return Volume(samples, spacing, origin, unit=_unit(multiscale)[0])
 
 
@@ -504,8 +521,16 @@ def _metadata(group: Any) -> Mapping[str, Any]:
 
 
 def _multiscale(group: Any) -> Multiscale | None:
+    """The metadata of a group's image, in which paths of levels are plain; None without an image."""
     images = _metadata(group).get("multiscales")
-    return images[0] if images else None
+    if not images:
+        return None
+    return images[0] | {"datasets": [entry | {"path": _plain(entry["path"])} for entry in images[0]["datasets"]]}
+
+
+def _plain(path: str) -> str:
+    """The names that lead to a node, joined by slashes."""
+    return "/".join(step for step in path.split("/") if step not in ("", "."))
 
 
 def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOptions) -> Any:
@@ -527,7 +552,7 @@ def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOption
         name = names[0]
     node = group.get(name) if name is not None else None
     if not isinstance(node, zarr.Array):
-        names = names or [image.path[len(group.path) :].strip("/") for image in _find_images(group)]
+        names = names or [_plain(image.path[len(group.path) :]) for image in _find_images(group)]
         if not names:
             held = list_names([key for key, _ in _children(group)]) or "nothing"
             raise expected("store", "an array of three axes in one of its groups", held, "check the path")
@@ -554,9 +579,11 @@ def _index(shape: Sequence[int], names: list[str], options: LoadOptions) -> tupl
 
 
 def _grid(multiscale: Multiscale, level: str, names: list[str]) -> tuple[Triple, Triple]:
-    """Spacing and origin (x, y, z) in the unit of x: the level's scale and translation, then the whole image's."""
+    """Spacing and origin (x, y, z) in the unit of x: the level's scale and translation, then the whole image's. level:
+    the path of its array below the image's group.
+    """
     scale, origin = np.ones(len(names)), np.zeros(len(names))
-    datasets = [entry for entry in multiscale["datasets"] if entry["path"].rsplit("/", 1)[-1] == level]
+    datasets = [entry for entry in multiscale["datasets"] if entry["path"] == level]
     for owner in (*datasets[:1], multiscale):
         for step in owner.get("coordinateTransformations", ()):
             kind = step.get("type")
