@@ -101,10 +101,11 @@ def _load(path: Path, options: LoadOptions) -> Volume:
     with error_prefix(note) if note else nullcontext():
         volume = _import_function(form.reader)(path, options)
     volume = _apply_name(replace(volume, notes=(note, *volume.notes)) if note else volume, path.name, form, options)
-    if volume.labels or volume.samples.dtype.kind not in "bui" or options.values == "amounts":
+    if volume.labels or options.values == "amounts":
         return volume
     table = load_label_table(path, path.name[: len(path.name) - len(_suffix(path, form))])
-    return volume if table is None else replace(volume, labels=table)
+    rounded = None if table is None else volume.rounded()
+    return volume if rounded is None else replace(rounded, labels=table)
 
 
 def _load_remote(address: str, options: LoadOptions) -> Volume:

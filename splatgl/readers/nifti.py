@@ -28,7 +28,6 @@ from splatgl.readers.common import (
     GZIP,
     decoder_errors,
     grid_shape,
-    has_whole_numbers,
     is_packed,
     map_array,
     open_unpacked,
@@ -299,8 +298,11 @@ def _volume_of(
         return volume_on_grid(samples, affine[:3, :3], affine[:3, 3], "affine", frame="RAS", notes=notes, **more)
 
     volume = times.volume(options, read_volume)
-    is_labels = int(header["intent_code"]) == _LABELS and all(map(has_whole_numbers, volume.samples))
-    return replace(volume, labels=()) if is_labels else volume
+    if int(header["intent_code"]) != _LABELS:
+        return volume
+    rounded = volume.rounded()
+    note = "fractions are drawn as amounts, though the file's intent is labels"
+    return replace(volume, notes=(*volume.notes, note)) if rounded is None else replace(rounded, labels=())
 
 
 def _component_axis(sizes: tuple[int, ...], intent: int) -> int | None:

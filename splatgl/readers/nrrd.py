@@ -118,7 +118,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
     def read_layer(layer: int | None) -> Volume:
         volume = _volume(header, stored, kinds, options if layer is None else replace(options, channel=layer))
         known = tuple(label for at, label in segments if layer is None or at == layer)
-        return replace(volume, labels=known or None) if volume.samples.dtype.kind in "bui" else volume
+        rounded = volume.rounded() if known else None
+        return volume if rounded is None else replace(rounded, labels=known)
 
     # without layers of segments, `channel` picks a component
     volume = channel_set.volume(options if layered is not None else replace(options, channel=None), read_layer)

@@ -13,7 +13,7 @@ import numpy as np
 
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.mesh import Mesh
-from splatgl.data.volume import Label, Volume
+from splatgl.data.volume import Label, Volume, fraction_error
 from splatgl.errors import expected, missing_extra
 
 ENTRIES = 256
@@ -230,7 +230,7 @@ def labels_of(volume: Volume) -> tuple[Label, ...]:
         if present.dtype.kind == "f":
             present = present[np.isfinite(present)]
             if (present != np.rint(present)).any():
-                raise expected(volume.name or "labels", "whole numbers", volume.samples.dtype.name)
+                raise fraction_error(volume)
         numbers = np.union1d(numbers, present)
         if len(numbers) > MOST_LABELS:
             raise expected(volume.name or "labels", f"at most {MOST_LABELS} labels", "more", "is it a segmentation?")
