@@ -239,10 +239,13 @@ def labels_of(volume: Volume) -> tuple[Label, ...]:
 
 def select_labels(labels: Sequence[Label], only: Sequence[tuple[int, float]] | None = None) -> LabelStyles:
     """Colours and opacities of labels. only: (number, opacity factor) of the labels to show, hidden ones too; None: all
-    that are not hidden. Raises InputError for unknown numbers.
+    that are not hidden. Of labels of one number, in layers that overlap, the first counts. Raises InputError for unknown
+    numbers.
     """
-    table = {label.number: label for label in labels}
-    chosen = [(label.number, float(not label.hidden)) for label in labels] if only is None else list(only)
+    table: dict[int, Label] = {}
+    for label in labels:
+        table.setdefault(label.number, label)
+    chosen = [(label.number, float(not label.hidden)) for label in table.values()] if only is None else list(only)
     for number, _ in chosen:
         if number not in table:
             known = [str(label.number) for label in labels[:20]]

@@ -574,7 +574,7 @@ def _channels(
         if len(volume.channels) > 1:
             scene = replace(scene, load={**source.load, "channel": _channel(source.load.get("channel"), number)})
             # the first has what is known of the file: its view and time points
-            samples = samples if number else replace(volume, channels=())
+            samples = samples if number else replace(volume, channels=(), labels=samples.labels)
         name = source.title * (len(volume.channels) < 2) or channel.volume.name or source.volume
         opacity = 1.0 if folds_opacity else source.opacity
         style = LayerStyle(channel.seen, source.threshold, 1.0, opacity, source.visible)
