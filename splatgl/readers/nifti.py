@@ -242,6 +242,10 @@ def _scaling(slope: float | None, intercept: float | None) -> Scaling:
     return slope, intercept if intercept and np.isfinite(intercept) else 0.0
 
 
+# square of a quaternion's first part that counts as 0, half a turn (nifti1_io.c)
+_HALF_TURN = 1e-7
+# length beyond 1 of a quaternion that is more than rounding
+_ROUNDED = 1e-3
 # share of a voxel by which sform and qform may differ across the grid
 _SAME_PLACE = 0.5
 
@@ -253,7 +257,10 @@ def _affine(header: Any) -> tuple[np.ndarray | None, tuple[str, ...]]:
     for name in ("sform", "qform"):
         if int(header[f"{name}_code"]):
             with decoder_errors("NIfTI"), np.errstate(all="ignore"):
-                matrix = np.asarray(header.get_sform() if name == "sform" else header.get_qform(), np.float64)
+                matrix, length = (header.get_sform(), 1.0) if name == "sform" else _qform(header)
+                matrix = np.asarray(matrix, np.float64)
+            if not grids and length > 1 + _ROUNDED:
+                notes.append(f"the qform's quaternion is {length:.3g} long, and taken for one of length 1")
             if np.isfinite(matrix).all() and (np.linalg.norm(matrix[:3, :3], axis=0) > 0).all():
                 grids.append((name, matrix))
             elif not grids:
@@ -267,6 +274,29 @@ def _affine(header: Any) -> tuple[np.ndarray | None, tuple[str, ...]]:
         if far > _SAME_PLACE * np.linalg.norm(matrix[:3, :3], axis=0).min():
             notes.append(f"the sform places the grid; the qform differs from it by up to {far:.3g}")
     return grids[0][1] if grids else None, tuple(notes)
+
+
+def _qform(header: Any) -> tuple[np.ndarray, float]:
+    """The grid [4, 4] by the header's quaternion (nifti1.h, method 2), and the length of its three stored parts. The
+    fourth is what they lack to length 1; where they are longer, by rounding or not, they are normed, as the format's
+    library does.
+    """
+    others = np.array([header[f"quatern_{letter}"] for letter in "bcd"], np.float64)
+    square = float(others @ others)
+    a = math.sqrt(1 - square) if square < 1 - _HALF_TURN else 0.0
+    b, c, d = others / (math.sqrt(square) if square >= 1 - _HALF_TURN else 1.0)
+    turn = [
+        [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+        [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
+        [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
+    ]
+    steps = np.abs(np.asarray(header["pixdim"][1:4], np.float64))
+    # pixdim[0] is -1 where the third axis is mirrored; 0 counts as 1
+    steps[2] *= -1.0 if header["pixdim"][0] < 0 else 1.0
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.array(turn) * steps
+    matrix[:3, 3] = [header[f"qoffset_{axis}"] for axis in "xyz"]
+    return matrix, math.sqrt(square)
 
 
 def _volume_of(

@@ -239,8 +239,8 @@ def labels_of(volume: Volume) -> tuple[Label, ...]:
 
 def select_labels(labels: Sequence[Label], only: Sequence[tuple[int, float]] | None = None) -> LabelStyles:
     """Colours and opacities of labels. only: (number, opacity factor) of the labels to show, hidden ones too; None: all
-    that are not hidden. Of labels of one number, in layers that overlap, the first counts. Raises InputError for unknown
-    numbers.
+    that are not hidden. Of labels of one number, in layers that overlap, the first counts. Raises InputError for
+    unknown numbers.
     """
     table: dict[int, Label] = {}
     for label in labels:
