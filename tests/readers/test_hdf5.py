@@ -154,13 +154,12 @@ def test_data_in_other_files_are_read_where_that_is_allowed(tmp_path: Path, kind
     np.testing.assert_array_equal(load(path, array="/a", anywhere=True).samples, F)
 
 
-@pytest.mark.parametrize(
-    "options", [{"scaleoffset": 0}, {"compression": "szip"}, {"compression": "lzf", "shuffle": True}]
-)
-def test_filters_that_come_with_hdf5(tmp_path: Path, options: dict[str, Any]) -> None:
-    if options.get("compression") == "szip" and not h5py.h5z.filter_avail(h5py.h5z.FILTER_SZIP):
+@pytest.mark.parametrize("name", ["scaleoffset", "szip"])
+def test_filters_that_come_with_hdf5(tmp_path: Path, name: str) -> None:
+    if name == "szip" and not h5py.h5z.filter_avail(h5py.h5z.FILTER_SZIP):
         pytest.skip("this build of HDF5 has no szip")
-    path = save(tmp_path / "a.h5", data=F.astype("i4"), chunks=F.shape, fletcher32=True, **options)
+    options: dict[str, Any] = {"scaleoffset": 0} if name == "scaleoffset" else {"compression": name, "fletcher32": True}
+    path = save(tmp_path / "a.h5", data=F.astype("i4"), chunks=F.shape, **options)
     np.testing.assert_array_equal(load(path).samples, F.astype("i4"))
 
 
