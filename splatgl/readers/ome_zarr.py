@@ -6,9 +6,7 @@ from the level's coordinate transformations (OME-Zarr 0.4 and 0.5).
 
 from __future__ import annotations
 
-import base64
 import re
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,9 +15,6 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.affine import (
-    Coordinate,
-    axis_kind,
-    make_lattice,
     metres_in,
     seconds_in,
     shared_unit,
@@ -37,71 +32,18 @@ from splatgl.readers.channels import (
     mark_microscope,
     parse_window,
 )
-from splatgl.readers.chunked import CF_NUMBERS, Chunked, Packing, TransposedChunks
+from splatgl.readers.chunked import Chunked, TransposedChunks
 from splatgl.readers.common import array_fields, decoder_errors
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import METADATA, Remote
+from splatgl.readers.zarr_coordinates import channel_names, dimension_kind, dimension_names, read_lattice, read_packing
 from splatgl.readers.zarr_validation import check_array, check_files
 from splatgl.readers.zarr_zip import open_zip
-
-# most coordinates that are read along a dimension, and most bytes of one that is text
-MOST_COORDINATES, MOST_TEXT = 2**20, 2**10
 
 
 def natural_key(name: str) -> list[Any]:
     """Sort key that orders names by the numbers in them: 2 before 10."""
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
-
-
-def dimension_names(node: Any) -> list[str]:
-    """Names of an array's dimensions, "" for an unnamed one; [] if the array states none."""
-    stated = getattr(node.metadata, "dimension_names", None) or node.attrs.asdict().get("_ARRAY_DIMENSIONS") or []
-    names = [str(name or "") for name in stated]
-    return names if len(names) == len(node.shape) else []
-
-
-def read_coordinates(group: Any, node: Any, names: Sequence[str]) -> list[Coordinate]:
-    """Coordinates along z, y and x, from arrays with the dimensions' names (xarray, CF)."""
-    dimensions = dimension_names(node)
-    coordinates = []
-    for name in ("z", "y", "x"):
-        axis = names.index(name)
-        scale = _find_scale(group, dimensions[axis], node.shape[axis]) if dimensions else None
-        if scale is None:
-            coordinates.append(Coordinate(dimensions[axis] if dimensions else name, node.shape[axis]))
-        else:
-            packing = read_packing(scale)
-            places = np.asarray(scale[:] if packing is None else packing.values(scale[:]), np.float64)
-            coordinates.append(Coordinate.of(dimensions[axis], places, scale.attrs.asdict()))
-    return coordinates
-
-
-def _find_scale(group: Any, name: str, size: int) -> Any:
-    """The array of a dimension's coordinates, None without one."""
-    node: Any = group.get(name) if group is not None and name else None
-    is_scale = getattr(node, "shape", None) == (size,) and node.dtype.kind in "uif" and size <= MOST_COORDINATES
-    return node if is_scale else None
-
-
-def read_packing(node: Any) -> Packing | None:
-    """The packing in an array's CF attributes, as xarray writes them, or None; format 2 has a fill value instead."""
-    attributes = node.attrs.asdict()
-    stated = {name: _parse_numbers(attributes.get(name)) for name in CF_NUMBERS}
-    if stated["_FillValue"] is None and dimension_names(node) and node.metadata.zarr_format == 2 and node.fill_value:
-        # zarr itself fills with 0
-        stated["_FillValue"] = _parse_numbers(node.fill_value)
-    return Packing.of(stated, node.dtype, attributes.get("_Unsigned"))
-
-
-def _parse_numbers(value: Any) -> np.ndarray | None:
-    """Numbers, or one coded as base64 of eight bytes, as xarray writes floats in format 3; else None."""
-    if isinstance(value, str):
-        try:
-            return np.array(struct.unpack("<d", base64.b64decode(value, validate=True)))
-        except (ValueError, struct.error):
-            return None
-    numbers = np.asarray(value).ravel()
-    return numbers if numbers.dtype.kind in "uif" else None
 
 
 def axis_names(node: Any, multiscale: Mapping[str, Any] | None, group: Any = None) -> list[str]:
@@ -112,20 +54,15 @@ def axis_names(node: Any, multiscale: Mapping[str, Any] | None, group: Any = Non
     axes = (multiscale or {}).get("axes")
     names = [axis if isinstance(axis, str) else str(axis.get("name", "?")) for axis in axes] if axes else []
     if not names:
-        names = [_axis_kind(group, name, size) for name, size in zip(dimension_names(node), node.shape, strict=False)]
+        names = [
+            dimension_kind(group, name, size) for name, size in zip(dimension_names(node), node.shape, strict=False)
+        ]
         names = names if len(names) == count and {"z", "y", "x"} <= set(names) else []
     names = names or list("tczyx")[5 - min(count, 5) :]
     space = sorted(name for name in names if name in ("z", "y", "x"))
     if len(names) != count or space not in (["x", "y", "z"], ["x", "y"]) or (len(space) < 3 and not axes):
         raise expected("axes", "z, y and x among the array's axes", f"{names} of {count}")
     return [name if name in tuple("zyxt") else f"c {name}" for name in names]
-
-
-def _axis_kind(group: Any, name: str, size: int) -> str:
-    """z, y, x, t or c, by a dimension's coordinates or name; else its name."""
-    scale = _find_scale(group, name, size)
-    kind = axis_kind(name, {} if scale is None else scale.attrs.asdict())
-    return {"time": "t"}.get(kind, kind or name.lower() or "?")
 
 
 def find_channels(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, group: Any = None) -> ChannelSet:
@@ -136,20 +73,10 @@ def find_channels(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, g
     if count > MOST_CHANNELS:
         raise expected("channels", f"at most {MOST_CHANNELS}", count, "the header is damaged")
     metadata = omero.get("channels", []) if isinstance(omero, Mapping) else []
-    described = _coordinate_names(group, node, names, count) if multiscale is None and count > 1 else metadata
+    described = channel_names(group, node, names, count) if multiscale is None and count > 1 else metadata
     channels = [_read_channel(n, described[n] if n < len(described) else {}) for n in range(count)]
     together = count > 1 and any(channel.color for channel in channels)
     return ChannelSet(tuple(channels), together, sizes.get("t", 1), _time_step(multiscale, names))
-
-
-def _coordinate_names(group: Any, node: Any, names: Sequence[str], count: int) -> list[dict[str, str]]:
-    """Names of channels in an array of text with the dimension's name, as xarray writes them; [] without them."""
-    dimensions = [name for name, kind in zip(dimension_names(node), names, strict=False) if kind not in tuple("zyxt")]
-    texts: Any = group.get(dimensions[0]) if group is not None and len(dimensions) == 1 else None
-    is_text = (
-        getattr(texts, "shape", None) == (count,) and texts.dtype.kind in "US" and texts.dtype.itemsize <= MOST_TEXT
-    )
-    return [{"label": str(text)} for text in texts[:]] if is_text else []
 
 
 def _read_channel(number: int, metadata: Any) -> Channel:
@@ -505,7 +432,7 @@ def _read_volume(
     samples: Any = array[index] if whole else Chunked(str(remote or path), array, index, files)
     # 3. its grid
     if multiscale is None:
-        grid = make_lattice(read_coordinates(group, node, names), even=options.spacing is not None)
+        grid = read_lattice(group, node, names, even=options.spacing is not None)
         unit = value_unit_name(str(node.attrs.asdict().get("units") or ""))
         unit = "" if metres_in(unit) else unit
         about = array_fields(node.path.rsplit("/", 1)[-1], array.dtype, unit, grid.unit)
