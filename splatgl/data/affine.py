@@ -412,6 +412,15 @@ def seconds_in(unit: object) -> float | None:
     return _SECONDS.get(_plain(str(unit)))
 
 
+def curved_notes(coordinates: Mapping[str, Mapping[str, Any]], is_placed: bool) -> tuple[str, ...]:
+    """A note on coordinates of curved grids, along two axes at once, which are not used. coordinates: attributes by
+    name; is_placed: whether x and y have coordinates of their own.
+    """
+    curved = [name for name, about in coordinates.items() if axis_kind(name, about) in ("x", "y")]
+    note = f"x and y are numbers of samples: coordinates in two dimensions ({', '.join(curved[:4])}) are not used"
+    return () if is_placed or not curved else (note,)
+
+
 def shared_unit(units: Sequence[str]) -> tuple[str, np.ndarray]:
     """The unit of the first axis, and what each axis' unit is in it; an unknown unit is that of the others. "" and ones
     for units that differ and are not all lengths.

@@ -23,7 +23,7 @@ from splatgl.data.affine import (
     METRES,
     Coordinate,
     Lattice,
-    axis_kind,
+    curved_notes,
     make_lattice,
     metres_in,
     seconds_in,
@@ -290,10 +290,8 @@ def _grid(path: Path, dataset: Any, axes: list[int], options: LoadOptions) -> tu
     ]
     grid = make_lattice(coordinates, dataset.name, even=options.spacing is not None)
     named = attribute_text(dataset, "coordinates").split()
-    # curved grids have coordinates along two axes at once
-    curved = [name for name in named if axis_kind(name, {}) in ("x", "y")] if None in scales[1:] else []
-    note = f"x and y are numbers of samples: coordinates in two dimensions ({', '.join(curved[:4])}) are not used"
-    return replace(grid, notes=(*grid.notes, *[note] * bool(curved))), None
+    curved = curved_notes({name: {} for name in named}, None not in scales[1:])
+    return replace(grid, notes=(*grid.notes, *curved)), None
 
 
 def _read_scale(path: Path, scale: Scale, size: int, options: LoadOptions) -> np.ndarray:

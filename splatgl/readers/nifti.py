@@ -41,6 +41,8 @@ _HEADER = 348
 _MGH_TYPES: dict[int, np.dtype] = {0: np.dtype(">u1"), 1: np.dtype(">i4"), 3: np.dtype(">f4"), 4: np.dtype(">i2")}
 # byte at which the samples of an .mgh file begin, behind its header
 _MGH_START = 284
+# bytes of the flag that tells whether an .mgh file states spacing and orientation
+_RAS_FLAG = slice(28, 30)
 # an index [x, y, z, …], a function that reads the samples [z, y, x] there; slope and intercept of samples
 Index = tuple[int | slice, ...]
 Read = Callable[[Index], np.ndarray]
@@ -87,7 +89,10 @@ def read_mgh(path: Path, options: LoadOptions) -> Volume:
         affine = header.get_affine()
         stored = _Stored.of(path, header)
     _check_bytes(stored)
-    return _frame_volume(stored, affine, options)
+    volume = _frame_volume(stored, affine, options)
+    note = "the header states no orientation (goodRASFlag 0): coronal slices of voxels of 1 mm are taken"
+    is_oriented = any(first[_RAS_FLAG])
+    return volume if is_oriented else replace(volume, notes=(*volume.notes, note))
 
 
 def _pair_file(path: Path, suffix: str) -> Path:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import base64
 import struct
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import Coordinate, Lattice, axis_kind, make_lattice
+from splatgl.data.affine import Coordinate, Lattice, axis_kind, curved_notes, make_lattice
 from splatgl.readers.chunked import CF_NUMBERS, Packing
 
 # most coordinates that are read along a dimension, and most bytes of one that is text
@@ -25,7 +26,12 @@ def dimension_names(node: Any) -> list[str]:
 
 def read_lattice(group: Any, node: Any, names: Sequence[str], even: bool) -> Lattice:
     """The grid by the coordinates along z, y and x; even: whether their places do not count."""
-    return make_lattice(_read_coordinates(group, node, names), even=even)
+    axes = _read_coordinates(group, node, names)
+    grid = make_lattice(axes, even=even)
+    stated = [owner.attrs.asdict().get("coordinates") for owner in (node, group) if owner is not None]
+    about = {name: {} for name in str(next(filter(None, stated), "")).split()}
+    is_placed = even or all(axis.places is not None for axis in axes[1:])
+    return replace(grid, notes=(*grid.notes, *curved_notes(about, is_placed)))
 
 
 def _read_coordinates(group: Any, node: Any, names: Sequence[str]) -> list[Coordinate]:

@@ -126,3 +126,18 @@ def test_quaternions_are_those_of_nibabel(tmp_path: Path) -> None:
         volume, affine = load(path), nibabel.load(path).affine
         np.testing.assert_allclose(volume.world_from_index, affine[:3, :3], atol=1e-6)
         np.testing.assert_allclose(volume.origin, affine[:3, 3], atol=1e-6)
+
+
+@pytest.mark.parametrize("good", [0, 1])
+def test_mgh_without_an_orientation(good: int, tmp_path: Path) -> None:
+    """FreeSurfer takes coronal slices of 1 mm where the flag is 0; a note says so."""
+    nibabel = pytest.importorskip("nibabel")
+    image = nibabel.MGHImage(np.arange(120, dtype=np.int16).reshape(4, 5, 6), np.diag([2.0, 2, 3, 1]))
+    nibabel.save(image, tmp_path / "a.mgh")
+    raw = bytearray((tmp_path / "a.mgh").read_bytes())
+    struct.pack_into(">h", raw, 28, good)
+    (tmp_path / "a.mgh").write_bytes(raw)
+    volume, affine = load(tmp_path / "a.mgh"), nibabel.load(tmp_path / "a.mgh").affine
+    np.testing.assert_allclose(volume.world_from_index, affine[:3, :3], atol=1e-6)
+    assert any("goodRASFlag 0" in note for note in volume.notes) == (good == 0)
+    assert volume.spacing == ((2, 2, 3) if good else (1, 1, 1))
