@@ -125,7 +125,7 @@ class Volume:
     samples: [D, H, W] (z, y, x), any real dtype: an array, possibly memory-mapped, or an object with shape, dtype and
     slices (of Zarr, HDF5, Dask), which is read in parts.
     spacing, origin: (x, y, z) in world units. direction: [3, 3], its columns the unit axes of x, y, z.
-    unit: name of the world's unit of length ("mm", "um", ""). frame: "LPS", "RAS" or None.
+    unit: name of the world's unit of length ("mm", "um", ""), stated in any spelling. frame: "LPS", "RAS" or None.
     color: uint8 [D, H, W, 3] sRGB, also read in parts, or None. vectors: [D, H, W, 3] along world x, y, z, or None.
     coarser: the further levels of a multiscale image, with fewer voxels, finer first.
     labels: table of the segments that samples number (empty: the file has none); None: samples are amounts.
@@ -180,7 +180,10 @@ class Volume:
             raise expected("color", "uint8, sRGB", self.color.dtype)
         if self.frame not in (None, "LPS", "RAS"):
             raise expected("frame", "LPS, RAS or None", repr(self.frame))
+        from splatgl.data.affine import unit_name
+
         object.__setattr__(self, "samples", samples)
+        object.__setattr__(self, "unit", unit_name(str(self.unit or "")))
         object.__setattr__(self, "spacing", _spacing(self.spacing))
         object.__setattr__(self, "origin", triple(self.origin, "origin"))
         direction = np.array(self.direction, dtype=np.float64)

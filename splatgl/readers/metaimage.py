@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.affine import unit_name
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected
 from splatgl.fileio import byte_count, decode_text
@@ -84,7 +83,7 @@ def _volume(samples: np.ndarray, fields: Fields, options: LoadOptions) -> Volume
         triple(_numbers(fields, ("ElementSpacing", "ElementSize"), [1.0] * 3)[:3], "ElementSpacing"),
         triple(_numbers(fields, ("Offset", "Position", "Origin"), [0.0] * 3)[:3], "Offset"),
         direction,
-        unit_name(fields.get("DistanceUnits", "")),
+        fields.get("DistanceUnits", ""),
         frame=frame,
         color=color,
         vectors=vectors,

@@ -15,6 +15,7 @@ from splatgl.fileio import decode_text, load_table
 from splatgl.readers.dicom_headers import plain_text
 from splatgl.splat.clipping import world_units
 from splatgl.splat.transfer_files import load_transfer
+from splatgl.writers import save
 
 SAMPLES = np.arange(120, dtype="<i2")
 SPELLINGS = ["\u00b5m", "\u03bcm", "\u339b", "um", "micron", "Micrometers", r"\u00B5m"]
@@ -80,6 +81,16 @@ def test_bars_and_places_take_each_spelling(unit: str) -> None:
     assert (length_text(3.0, unit), length_text(3000.0, unit), length_text(0.25, unit)) == ("3 µm", "3 mm", "250 nm")
     assert world_units("nm", unit, "x<30nm") == pytest.approx(1e-3)
     assert world_units("\u00e5", unit, "x<30Å") == pytest.approx(1e-4)
+
+
+@pytest.mark.parametrize("unit", SPELLINGS)
+@pytest.mark.parametrize("ending", ["nrrd", "mha", "nii", "tif"])
+def test_volumes_in_each_spelling_are_written(unit: str, ending: str, tmp_path: Path) -> None:
+    """A volume's unit is one name, whatever its caller writes, and so files keep it."""
+    volume = sg.Volume(SAMPLES.reshape(6, 5, 4), (0.5, 0.5, 2.0), unit=unit)
+    save(volume, tmp_path / f"a.{ending}")
+    again = sg.load(tmp_path / f"a.{ending}")
+    assert volume.unit == again.unit == "um" and again.spacing == (0.5, 0.5, 2.0)
 
 
 def test_segment_names_and_notes(tmp_path: Path) -> None:
