@@ -29,7 +29,7 @@ def read_lattice(group: Any, node: Any, names: Sequence[str], even: bool) -> Lat
     axes = _read_coordinates(group, node, names)
     grid = make_lattice(axes, even=even)
     stated = [owner.attrs.asdict().get("coordinates") for owner in (node, group) if owner is not None]
-    about = {name: {} for name in str(next(filter(None, stated), "")).split()}
+    about: dict[str, dict[str, Any]] = {name: {} for name in str(next(filter(None, stated), "")).split()}
     is_placed = even or all(axis.places is not None for axis in axes[1:])
     return replace(grid, notes=(*grid.notes, *curved_notes(about, is_placed)))
 

@@ -214,14 +214,15 @@ def test_options_of_amounts_draw_amounts(tmp_path: Path) -> None:
 def nearly(kind: str) -> tuple[np.ndarray, dict[str, Any]]:
     """Numbers of cells as programs store an atlas, and fields of NIfTI's header."""
     whole, noise = nearest(5).astype(float), np.random.default_rng(1).normal(size=nearest(5).shape)
-    return {
+    kinds: dict[str, tuple[np.ndarray, dict[str, Any]]] = {
         "float32": ((whole * (1 + 1e-7 * noise)).astype(np.float32), {}),
         "float64": (whole / 3 * 3.0000000001, {}),
         "resampled": ((whole + 1e-4 * noise).astype(np.float32), {}),
         "scaled": (np.rint(whole * 32767 / 900).astype(np.int16), {"scl_slope": 900 / 32767}),
         "thirds": ((whole * 3).astype(np.int32), {"scl_slope": 1 / 3, "scl_inter": 0}),
         "shifted": ((whole * 10 - 7).astype(np.int16), {"scl_slope": 0.1, "scl_inter": 0.7}),
-    }[kind]
+    }
+    return kinds[kind]
 
 
 @pytest.mark.parametrize("intent", [0, 1002])
