@@ -181,7 +181,9 @@ def read_obj(path: Path) -> Polygons:
         elif word == "usemtl":
             current = names.setdefault(" ".join(words), len(names))
         elif word == "mtllib":
-            materials |= _read_materials(path, " ".join(words))
+            # one name with blanks, or several names
+            for name in (" ".join(words), *words):
+                materials |= _read_materials(path, name)
     corners, stops = np.array(numbers, np.int64), np.array(ends, np.int64)
     has_colors = bool(colors) and all(len(words) == 3 for words in colors)
     rgb = colors_of(list(np.array(colors, np.float64).T)) if has_colors else None

@@ -74,6 +74,9 @@ def test_materials_of_obj(tmp_path: Path) -> None:
     places = "vt .25 .75\nvt .75 .75\nvt .75 .25\nvt .25 1.25\n"
     picture = put(tmp_path / "b.obj", head + f"usemtl p\n{QUAD}{places}f 1/1 2/2 3/3 4/4\n".encode())
     assert seen(picture) == {RED, GREEN, (255, 255, 255), BLUE}
+    (tmp_path / "b.mtl").write_text("newmtl blue\nKd 0 0 1\n")
+    several = put(tmp_path / "e.obj", f"mtllib gone.mtl b.mtl\nusemtl blue\n{QUAD}f 1 2 3\n")
+    assert seen(several) == {BLUE}
     assert put(tmp_path / "c.obj", f"mtllib gone.mtl\nusemtl a\n{QUAD}f 1 2 3\n").colors is None
     assert seen(put(tmp_path / "d.obj", "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 1 1 0 0 0 1\nf 1 2 3\n")) == {RED, GREEN, BLUE}
 
