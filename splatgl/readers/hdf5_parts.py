@@ -16,6 +16,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from splatgl.data.arrays import of_array
+from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import expected
 from splatgl.fileio import WHOLE_BYTES, byte_count, decode_text
 from splatgl.readers.chunked import Chunked, OneFile, Packing
@@ -114,6 +116,13 @@ def _check_filters(dataset: Any) -> None:
         size = (math.prod(dataset.chunks or ()), dataset.dtype.itemsize)
         if code == _SCALEOFFSET and (len(values) < 5 or (values[2], values[4]) != size):
             raise expected("scaleoffset", "the chunk's size", values[2:5], "the file is damaged")
+
+
+def of_dataset(x: Any, options: ArrayOptions) -> Volume:
+    """The volume of a dataset of h5py. Raises InputError as `read_samples` for filters that are not installed."""
+    if hasattr(x, "chunks"):
+        _check_filters(x)
+    return of_array(x, options)
 
 
 def _is_available(code: int) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
+import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.readers import hdf5_files, hdf5_parts, load
@@ -190,6 +191,8 @@ def test_filters_that_are_not_there_are_named(
     fix = r"install hdf5plugin: pip install 'splatgl\[hdf5-filters\]'; or " * (code > 32000 and bool(name))
     with pytest.raises(InputError, match=rf"filters: expected gzip, .*, got {name} ?\({code}\); {fix}repack it with"):
         load(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5") as file, pytest.raises(InputError, match=rf"filters: .* got {name} ?\({code}\)"):
+        sg.Volume.of(file["a"])
 
 
 @pytest.mark.parametrize("name", ["Bitshuffle", "Blosc", "Blosc2", "BZip2", "LZ4", "Zstd"])
