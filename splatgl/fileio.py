@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
 import json
 import math
@@ -124,6 +125,23 @@ def budget() -> int:
     return _budget[0] if _budget else int(SHARE * free_memory())
 
 
+# marks at the start of text, and their codings
+_BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
+
+
+def decode_text(raw: bytes) -> str:
+    """The text of a header or a table: in the coding of its byte-order mark, else UTF-8, else Latin-1 as Windows has it
+    (cp1252). Headers in which programs have mixed codings are decoded line by line.
+    """
+    for mark, coding in _BYTE_ORDER_MARKS.items():
+        if raw.startswith(mark):
+            return raw[len(mark) :].decode(coding, "replace")
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", "replace")
+
+
 # longest file in bytes: a transfer function with a node for each of 65536 values
 MAX_BYTES = 2**20
 
@@ -138,7 +156,7 @@ def load_table(path: Path, what: str) -> dict[str, Any]:
             data = file.read(MAX_BYTES + 1)
         if len(data) > MAX_BYTES:
             raise expected(path, f"{what} of at most {MAX_BYTES} bytes", "more")
-        return parse_table(data.decode("utf-8"), f"{path}: expected {what} in TOML")
+        return parse_table(data.decode("utf-8-sig"), f"{path}: expected {what} in TOML")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: expected {what} in TOML, got {error}") from error
 

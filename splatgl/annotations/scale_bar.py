@@ -8,15 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Rect, Subject
+from splatgl.data.affine import METRES, metres_in, unit_name
 from splatgl.splat.camera import Camera
 
 # longest bar as a fraction of the image's width
 WIDEST = 0.25
-# units in metres, and the units that a length is converted to, ascending
-MICROMETRE = "µm"
-METRES = {"nm": 1e-9, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3}
-METRES |= {"Å": 1e-10, "angstrom": 1e-10, "micrometer": 1e-6, "micron": 1e-6, "millimeter": 1e-3, "meter": 1.0}
-LADDER = ("nm", MICROMETRE, "mm", "m", "km")
+# units that a length is converted to, ascending
+LADDER = ("nm", "um", "mm", "m", "km")
 # a length keeps the file's unit from 1 to below this
 MOST = 1000.0
 PERSPECTIVE = "at the centre's depth"
@@ -41,25 +39,25 @@ def scale_of(subject: Subject, camera: Camera) -> BarScale | None:
 
 def length_text(length: float, unit: str) -> str:
     """A length with its unit, converted to a unit with fewer digits."""
-    metres = METRES.get(unit)
+    metres = metres_in(unit)
     if metres is None or (length * (1 + 1e-9) >= 1 and length < MOST):
-        return f"{length:g} {sign_of(unit)}".strip()
+        return f"{length:g} {_sign_of(unit)}".strip()
     fitting = [name for name in LADDER if length * metres >= METRES[name] * (1 - 1e-9)] or [LADDER[0]]
-    return f"{length * metres / METRES[fitting[-1]]:.6g} {fitting[-1]}"
+    return f"{length * metres / METRES[fitting[-1]]:.6g} {_sign_of(fitting[-1])}"
 
 
-def sign_of(unit: str) -> str:
+def _sign_of(unit: str) -> str:
     """The sign of a unit of length; other units stay."""
-    return MICROMETRE if METRES.get(unit) == METRES[MICROMETRE] else unit
+    return {"um": "µm"}.get(name := unit_name(unit), name)
 
 
 def in_digits(length: float, unit: str) -> tuple[float, str]:
     """Factor from a unit to one in which a length has few digits, and the name of that unit."""
-    metres = METRES.get(unit)
+    metres = metres_in(unit)
     if metres is None or 1 <= length < MOST * 10 or not length > 0:
-        return 1.0, sign_of(unit)
+        return 1.0, _sign_of(unit)
     fitting = [name for name in LADDER if length * metres >= METRES[name]] or [LADDER[0]]
-    return metres / METRES[fitting[-1]], fitting[-1]
+    return metres / METRES[fitting[-1]], _sign_of(fitting[-1])
 
 
 def draw(layer: Canvas, view: AnnotationView) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -352,16 +354,31 @@ METRES = {"nm": 1e-9, "um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "
 
 _SPELLINGS = {
     "nm": ("nanometer", "nanometre"),
-    "um": ("µm", "μm", "micron", "microns", "micrometer", "micrometre", r"\u00b5m"),
+    "um": ("µm", "micron", "micrometer", "micrometre"),
     "mm": ("millimeter", "millimetre"),
     "cm": ("centimeter", "centimetre"),
     "m": ("meter", "metre"),
     "km": ("kilometer", "kilometre"),
-    "in": ("inch",),
-    "Å": ("angstrom", "ångström"),
-    "": ("unknown", "none", "pixel", "pixels", "voxel", "?", "???"),
+    "in": ("inch", "inches"),
+    "Å": ("angstrom", "ångström", "ångstrom", "Å"),
+    "": ("unknown", "none", "pixel", "voxel", "?", "???"),
 }
-_SHORT = {spelling: short for short, spellings in _SPELLINGS.items() for spelling in spellings}
+# letters by their numbers, as ImageJ writes those beyond Latin
+_ESCAPED = re.compile(r"\\u([0-9a-fA-F]{4})")
+
+
+def _plain(text: str) -> str:
+    """A unit's name in small letters, in which signs that look alike are one, such as those of micro and mu."""
+    letters = _ESCAPED.sub(lambda match: chr(int(match[1], 16)), text.strip())
+    return unicodedata.normalize("NFKC", letters).lower()
+
+
+_SHORT = {
+    _plain(spelling + plural): short
+    for short, spellings in _SPELLINGS.items()
+    for spelling in spellings
+    for plural in ("", "s")
+}
 
 
 # units of pure numbers, and of unknown ones
@@ -370,8 +387,38 @@ NO_UNITS = ("1", "none", "unknown", "dimensionless", "unitless", "n/a", "us")
 
 def unit_name(text: str) -> str:
     """The short name of a unit of length ("millimeter" → "mm"), "" for none; other names are returned as they are."""
-    text = text.strip()
-    return _SHORT.get(text.lower(), text)
+    return _SHORT.get(_plain(text), text.strip())
+
+
+def metres_in(unit: str) -> float | None:
+    """Metres in a unit of length of any spelling; None for other units."""
+    return METRES.get(unit_name(unit))
+
+
+# units of time, as files spell them
+_SECONDS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "μs", "usec", "microsecond", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nanosecond", "nanoseconds"), 1e-9),
+    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hr", "hour", "hours"), 3600.0),
+    **dict.fromkeys(("d", "day", "days"), 86400.0),
+}
+
+
+def seconds_in(unit: object) -> float | None:
+    """Seconds in a unit of time of any spelling; None for other units."""
+    return _SECONDS.get(_plain(str(unit)))
+
+
+def curved_notes(coordinates: Mapping[str, Mapping[str, Any]], is_placed: bool) -> tuple[str, ...]:
+    """A note on coordinates of curved grids, along two axes at once, which are not used. coordinates: attributes by
+    name; is_placed: whether x and y have coordinates of their own.
+    """
+    curved = [name for name, about in coordinates.items() if axis_kind(name, about) in ("x", "y")]
+    note = f"x and y are numbers of samples: coordinates in two dimensions ({', '.join(curved[:4])}) are not used"
+    return () if is_placed or not curved else (note,)
 
 
 def shared_unit(units: Sequence[str]) -> tuple[str, np.ndarray]:

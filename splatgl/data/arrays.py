@@ -11,13 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import Coordinate, axis_kind, make_lattice, unit_name, value_unit_name, volume_on_grid
+from splatgl.data.affine import (
+    Coordinate,
+    axis_kind,
+    curved_notes,
+    make_lattice,
+    unit_name,
+    value_unit_name,
+    volume_on_grid,
+)
 from splatgl.data.volume import ArrayOptions, Hints, Volume, triple
 from splatgl.errors import InputError, expected, list_names, one_line
 from splatgl.options import refuse_unknown
 
 # root module of a type, or of one of its bases → its function; others are arrays
 _SOURCES = {
+    "h5py": "splatgl.readers.hdf5_parts.of_dataset",
     "xarray": "splatgl.data.arrays.of_xarray",
     "SimpleITK": "splatgl.data.arrays.of_simpleitk",
     "nibabel": "splatgl.data.arrays.of_nibabel",
@@ -68,6 +77,9 @@ def of_xarray(x: Any, options: ArrayOptions) -> Volume:
         samples = Transposed(array, axes)
     # 2. the grid
     grid = make_lattice([_coordinate(array, name, options) for name in names], even=options.spacing is not None)
+    flat = {str(name): entry.attrs for name, entry in array.coords.items() if entry.ndim > 1}
+    is_placed = options.spacing is not None or all(name in array.coords for name in names[1:])
+    grid = replace(grid, notes=(*grid.notes, *curved_notes(flat, is_placed)))
     title = str(array.name or array.attrs.get("long_name", ""))
     return grid.volume(samples, "coordinates", name=title, value_unit=value_unit_name(array.attrs.get("units")))
 

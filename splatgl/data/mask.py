@@ -40,6 +40,7 @@ class Mask:
         parts = source.channels if source.channels and all(channel.labels for channel in source.channels) else (source,)
         arrays = [np.asarray(part.samples) for part in parts]
         if labels:
+            arrays = [np.asarray((part.rounded() or part).samples) for part in parts]
             known = np.unique(np.concatenate([np.unique(samples) for samples in arrays]))
             for number in labels:
                 if number not in known:

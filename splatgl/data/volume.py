@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from splatgl.errors import expected, list_names
+from splatgl.errors import InputError, expected, list_names
 from splatgl.options import keywords_of, with_keywords
 
 if TYPE_CHECKING:
@@ -31,6 +31,8 @@ MAX_CACHED = 2**28
 MOST_SCANNED = 2**24
 # most names in such a line
 MOST_NAMES = 8
+# largest distance of labels from whole numbers: scaled integers are off by half the scale
+NEARLY_WHOLE = 0.2
 # maximum ratio of a voxel's sides: float32 holds its square, and distances in either
 MOST_OBLONG = 1e9
 
@@ -123,7 +125,7 @@ class Volume:
     samples: [D, H, W] (z, y, x), any real dtype: an array, possibly memory-mapped, or an object with shape, dtype and
     slices (of Zarr, HDF5, Dask), which is read in parts.
     spacing, origin: (x, y, z) in world units. direction: [3, 3], its columns the unit axes of x, y, z.
-    unit: name of the world's unit of length ("mm", "um", ""). frame: "LPS", "RAS" or None.
+    unit: name of the world's unit of length ("mm", "um", ""), stated in any spelling. frame: "LPS", "RAS" or None.
     color: uint8 [D, H, W, 3] sRGB, also read in parts, or None. vectors: [D, H, W, 3] along world x, y, z, or None.
     coarser: the further levels of a multiscale image, with fewer voxels, finer first.
     labels: table of the segments that samples number (empty: the file has none); None: samples are amounts.
@@ -178,7 +180,10 @@ class Volume:
             raise expected("color", "uint8, sRGB", self.color.dtype)
         if self.frame not in (None, "LPS", "RAS"):
             raise expected("frame", "LPS, RAS or None", repr(self.frame))
+        from splatgl.data.affine import unit_name
+
         object.__setattr__(self, "samples", samples)
+        object.__setattr__(self, "unit", unit_name(str(self.unit or "")))
         object.__setattr__(self, "spacing", _spacing(self.spacing))
         object.__setattr__(self, "origin", triple(self.origin, "origin"))
         direction = np.array(self.direction, dtype=np.float64)
@@ -201,10 +206,32 @@ class Volume:
         return volume_of(x, **options)
 
     def of_values(self, values: str) -> Volume:
-        """The same samples as "labels", in the colours of its table if it has one, or as "amounts"; channels too."""
-        labels = (self.labels or ()) if values == "labels" else None
-        changed = replace(self, labels=labels, hints=replace(self.hints, values=values))
-        return with_parts(changed, lambda part: part.of_values(values))
+        """The same samples as "labels", in the colours of its table if it has one, or as "amounts"; channels too.
+        Raises InputError for labels that are no whole numbers.
+        """
+        volume = self.rounded() if values == "labels" else self
+        if volume is None:
+            raise fraction_error(self)
+
+        def marked(level: Volume) -> Volume:
+            labels = (level.labels or ()) if values == "labels" else None
+            return replace(level, labels=labels, hints=replace(level.hints, values=values))
+
+        channels = tuple(channel.of_values(values) for channel in self.channels)
+        return replace(marked(volume), coarser=tuple(map(marked, volume.coarser)), channels=channels)
+
+    def rounded(self, most: float = NEARLY_WHOLE) -> Volume | None:
+        """The volume with whole numbers in place of samples that are at most so far from them; itself if all are whole,
+        None if one is farther off. Coarser levels too; channels stay.
+        """
+        off = 0.0
+        for block in self.slabs(16, halo=0) if np.dtype(self.samples.dtype).kind == "f" else ():
+            with np.errstate(invalid="ignore"):
+                distances = np.abs(block.samples - np.rint(block.samples))
+            off = max(off, float(distances[np.isfinite(distances)].max(initial=0.0)))
+            if off > most:
+                return None
+        return replace(_round_samples(self), coarser=tuple(map(_round_samples, self.coarser))) if off else self
 
     def masked(self, mask: Any, labels: Sequence[int] = (), outside: bool = False) -> Volume:
         """The same samples, drawn only where a mask is not 0, or has one of `labels`.
@@ -390,6 +417,26 @@ def times(lengths: Iterable[float]) -> str:
 def some(names: Sequence[str]) -> str:
     """The first names, and the number of all if there are more."""
     return list_names(names, MOST_NAMES) + f" ({len(names)})" * (len(names) > MOST_NAMES)
+
+
+def _round_samples(volume: Volume) -> Volume:
+    from splatgl.data.arrays import Changed
+
+    stored: Any = volume.samples
+    is_array = isinstance(stored, np.ndarray)
+    whole = np.rint(stored) if is_array else Changed(stored, stored.shape, np.dtype(stored.dtype), np.rint)
+    return replace(volume, samples=whole)
+
+
+def fraction_error(volume: Volume) -> InputError:
+    """The error for labels that are no whole numbers."""
+    for block in volume.slabs(16, halo=0):
+        values = block.samples[np.isfinite(block.samples)]
+        worst = values[np.abs(values - np.rint(values)).argmax()] if values.size else 0
+        if worst != np.rint(worst):
+            break
+    got = f"values such as {worst:.6g}"
+    return expected(volume.name or "labels", "whole numbers, each of a segment", got, "draw amounts with --layer")
 
 
 def with_parts(volume: Volume, change: Callable[[Volume], Volume]) -> Volume:

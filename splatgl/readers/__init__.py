@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import Choice, InputError, error_prefix, expected
+from splatgl.fileio import decode_text
 from splatgl.options import SIMILAR, keywords_of, refuse_unknown, with_keywords
 from splatgl.readers.common import silence_libraries
 from splatgl.readers.contents import FIXES, UNKNOWN, describe_bytes, identify, is_n5, is_pattern
@@ -100,10 +101,11 @@ def _load(path: Path, options: LoadOptions) -> Volume:
     with error_prefix(note) if note else nullcontext():
         volume = _import_function(form.reader)(path, options)
     volume = _apply_name(replace(volume, notes=(note, *volume.notes)) if note else volume, path.name, form, options)
-    if volume.labels or volume.samples.dtype.kind not in "bui" or options.values == "amounts":
+    if volume.labels or options.values == "amounts":
         return volume
     table = load_label_table(path, path.name[: len(path.name) - len(_suffix(path, form))])
-    return volume if table is None else replace(volume, labels=table)
+    rounded = None if table is None else volume.rounded()
+    return volume if rounded is None else replace(rounded, labels=table)
 
 
 def _load_remote(address: str, options: LoadOptions) -> Volume:
@@ -219,7 +221,7 @@ def _refuse_options(form: Format, options: LoadOptions) -> None:
 
 ENDINGS = (".label", ".lbl", ".txt")
 MARK = "ITK-SnAP Label Description File"
-# most letters of a table, and of its first lines that identify it
+# most bytes of a table, and of its first lines that identify it
 MOST, FIRST = 1 << 20, 400
 # number, red, green, blue, opacity, visible, mesh visible, and the name in quotation marks
 NUMBER_AND_COLOR = r"\s*(\d{1,9})\s+(\d{1,3})\s+(\d{1,3})\s+(\d{1,3})\s+"
@@ -232,20 +234,20 @@ def load_label_table(path: Path, stem: str) -> tuple[Label, ...] | None:
     Raises InputError for a table with other lines, or without labels.
     """
     for table in list_label_tables(path.parent, stem):
-        with table.open(encoding="utf-8", errors="replace") as file:
-            return _parse_labels(table.name, file.read(MOST))
+        return _parse_labels(table.name, _first_text(table, MOST))
     return None
 
 
 def list_label_tables(folder: Path, stem: str) -> list[Path]:
     """ITK-SNAP's tables of labels of a file with that stem."""
     tables = [table for ending in ENDINGS if (table := folder / (stem + ending)).is_file()]
-    return [table for table in tables if MARK.lower() in _first_text(table).lower()]
+    return [table for table in tables if MARK.lower() in _first_text(table, FIRST).lower()]
 
 
-def _first_text(path: Path) -> str:
-    with path.open(encoding="utf-8", errors="replace") as file:
-        return file.read(FIRST)
+def _first_text(path: Path, most: int) -> str:
+    """Text at the start of a file, of at most so many bytes."""
+    with path.open("rb") as file:
+        return decode_text(file.read(most))
 
 
 def _parse_labels(name: str, text: str) -> tuple[Label, ...]:

@@ -14,15 +14,6 @@ from splatgl.errors import Choice, expected, list_names
 from splatgl.readers.common import parse_number
 from splatgl.readers.options import LoadOptions
 
-# units of time, as files spell them
-SECONDS = {
-    **{name: 1.0 for name in ("s", "sec", "second", "seconds")},
-    **{name: 1e-3 for name in ("ms", "msec", "millisecond", "milliseconds")},
-    **{name: 1e-6 for name in ("us", "µs", "μs", "usec", "microsecond", "microseconds")},
-    **{name: 60.0 for name in ("min", "minute", "minutes")},
-    **{name: 3600.0 for name in ("h", "hr", "hour", "hours")},
-}
-
 # most channels of an image: a damaged header may state any number
 MOST_CHANNELS = 4096
 # notes on the rules by which components are read

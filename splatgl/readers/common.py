@@ -44,14 +44,6 @@ def is_field(name: str, array: bool = False) -> bool:
     return named or (array and lower in LETTERS)
 
 
-def has_whole_numbers(values: np.ndarray) -> bool:
-    """Whether all finite values are whole numbers."""
-    if values.dtype.kind != "f":
-        return True
-    finite = values[np.isfinite(values)]
-    return bool((finite == np.rint(finite)).all())
-
-
 def array_fields(array: str, dtype: np.dtype, unit: str, length: str, vectors: bool = False) -> dict[str, Any]:
     """Fields of the `Volume` of an array: quantity by its name, "" for one that says nothing, such as data; value_unit;
     hints of a field for real numbers of that name, for lengths of `vectors`, and for quantities with a `unit` over

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
@@ -244,11 +244,14 @@ def rank(frames: Sequence[Frame]) -> tuple[bool, int]:
 def make_grid(frames: Sequence[Frame], options: LoadOptions) -> Grid:
     """The grid of frames of the same size and orientation. Raises InputError for slices that make no grid."""
     first = frames[0]
-    across = first.spacing or (1.0, 1.0)
+    across = first.spacing or (1.0, first.aspect)
     unsized = () if first.spacing or first.position is None else ("no size of pixels: 1 mm is assumed",)
+    if not first.spacing and first.aspect != 1:
+        unsized = (*unsized, f"pixels are {first.aspect:.4g} times as high as wide, by PixelAspectRatio")
     unit = "mm" if first.spacing else ""
     if first.position is None or first.orientation is None:
-        return _stack_by_number(frames, options, across, unit)
+        grid = _stack_by_number(frames, options, across, unit)
+        return replace(grid, notes=(*grid.notes, *unsized))
     # 1. the images at each place, along the normal
     axes = np.array(first.orientation).reshape(2, 3)
     normal = slice_normal(first.orientation)

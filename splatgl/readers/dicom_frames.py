@@ -58,7 +58,8 @@ class Frame:
     spacing: (x, y) of its pixels or None. step: from slice to slice by the header, or None; negative if frames of
     nuclear medicine are stacked against the normal. thickness: of the slice, or None. scale: (slope, intercept).
     times: values of TIMES, NaN for missing ones. stack: what tells it from other stacks of its series, "" without one.
-    slice: number of its slice, for one of several images of a slice that has no position; else None.
+    slice: number of its slice, for one of several images of a slice that has no position; else None. aspect: height of
+    a pixel in widths, where its size is unknown.
     """
 
     header: Header
@@ -72,6 +73,7 @@ class Frame:
     times: Numbers
     stack: str = ""
     slice: int | None = None
+    aspect: float = 1.0
 
     @property
     def order(self) -> Numbers:
@@ -170,7 +172,14 @@ def _read_frame(of: Header, number: int, groups: _Groups) -> Frame:
         ((slope[0] if slope and slope[0] else 1.0) * of.factor, (shift[0] if shift else 0.0) * of.factor),
         tuple(times),
         f"stack {plain_text(stack)}" if stack else "",
+        aspect=_aspect(groups),
     )
+
+
+def _aspect(groups: _Groups) -> float:
+    """The height of a pixel in widths; 1 if it is not stated."""
+    ratio = finite_numbers(groups.get("PixelAspectRatio"), 2)
+    return ratio[0] / ratio[1] if ratio is not None and min(ratio) > 0 else 1.0
 
 
 def _pixel_size(groups: _Groups) -> tuple[float, float] | None:

@@ -6,7 +6,7 @@ import math
 import os
 import zipfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -175,6 +175,8 @@ def _zip_members(path: Path) -> list[Source]:
 
 Numbers = tuple[float, ...]
 
+# bits of a byte
+_BYTE = 8
 # (0028,xxxx) and the pixels' tags are for the decoder; the others for the grid, the order and the list of series
 TAGS = """
     SpecificCharacterSet SOPClassUID AcquisitionDate AcquisitionTime Modality SeriesDescription SliceThickness
@@ -183,7 +185,7 @@ TAGS = """
     DetectorInformationSequence SharedFunctionalGroupsSequence PerFrameFunctionalGroupsSequence
     GridFrameOffsetVector FrameIncrementPointer SliceVector TimeSlotVector TimeSliceVector PhaseVector RRIntervalVector
     FrameTime FrameTimeVector CineRate RecommendedDisplayFrameRate PhaseInformationSequence
-    SequenceOfUltrasoundRegions NominalScannedPixelSpacing EnergyWindowVector DetectorVector ImageType
+    PixelAspectRatio SequenceOfUltrasoundRegions NominalScannedPixelSpacing EnergyWindowVector DetectorVector ImageType
     DoseGridScaling SamplesPerPixel PhotometricInterpretation
     PlanarConfiguration NumberOfFrames Rows Columns PixelSpacing BitsAllocated BitsStored HighBit PixelRepresentation
     PixelPaddingValue PixelPaddingRangeLimit FloatPixelPaddingValue FloatPixelPaddingRangeLimit
@@ -409,16 +411,15 @@ def _read_lut(tags: Any) -> tuple[int, np.ndarray] | None:
     if not items:
         return None
     count, first, bits = (int(entry) for entry in items[0].LUTDescriptor)
-    data = items[0].LUTData
-    wide = np.frombuffer(data, "<u2") if isinstance(data, bytes) else np.atleast_1d(np.asarray(data))
-    if (
-        wide.dtype.kind not in "ui"
-        or not 0 < len(wide) <= 2**16
-        or (count or 2**16) != len(wide)
-        or not 8 <= bits <= 16
-    ):
-        raise expected("modality LUT", "the number of entries in its descriptor", len(wide), "the header is damaged")
-    return int(_wrap_sign(tags, first)), wide.astype(np.int64)
+    data, count = items[0].LUTData, count or 2**16
+    order = "<" if tags.original_encoding[1] else ">"
+    entries = np.frombuffer(data, f"{order}u2") if isinstance(data, bytes) else np.atleast_1d(np.asarray(data))
+    if bits == _BYTE and len(entries) == -(-count // 2) < count and entries.dtype.kind in "ui":
+        # two entries in each number of 16 bits, the first one in its lower byte
+        entries = entries.astype("<u2").view(np.uint8)[:count]
+    if entries.dtype.kind not in "ui" or count != len(entries) or not _BYTE <= bits <= 2 * _BYTE:
+        raise expected("modality LUT", f"{count} entries, by its descriptor", len(entries), "the header is damaged")
+    return int(_wrap_sign(tags, first)), entries.astype(np.int64)
 
 
 def finite_numbers(value: Any, count: int) -> Numbers | None:
@@ -440,4 +441,8 @@ def whole_number(value: Any, least: int) -> int:
 
 def plain_text(value: Any) -> str:
     """Printable text of a tag, at most 64 characters."""
-    return "".join(c if c.isprintable() else "?" for c in str(value or ""))[:64].strip()
+    text = str(value or "")
+    with suppress(UnicodeError):
+        # UTF-8 without SpecificCharacterSet, which pydicom takes for Latin-1
+        text = text.encode("latin-1").decode("utf-8")
+    return "".join(c if c.isprintable() else "?" for c in text)[:64].strip()

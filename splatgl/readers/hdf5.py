@@ -19,7 +19,17 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import METRES, Coordinate, Lattice, axis_kind, make_lattice, unit_name, value_unit_name
+from splatgl.data.affine import (
+    METRES,
+    Coordinate,
+    Lattice,
+    curved_notes,
+    make_lattice,
+    metres_in,
+    seconds_in,
+    unit_name,
+    value_unit_name,
+)
 from splatgl.data.arrays import Transposed
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError, expected
@@ -28,7 +38,6 @@ from splatgl.readers.channels import (
     COLOR_NOTE,
     MAGNITUDE_NOTE,
     MOST_CHANNELS,
-    SECONDS,
     Channel,
     ChannelSet,
     is_color_rule,
@@ -281,10 +290,8 @@ def _grid(path: Path, dataset: Any, axes: list[int], options: LoadOptions) -> tu
     ]
     grid = make_lattice(coordinates, dataset.name, even=options.spacing is not None)
     named = attribute_text(dataset, "coordinates").split()
-    # curved grids have coordinates along two axes at once
-    curved = [name for name in named if axis_kind(name, {}) in ("x", "y")] if None in scales[1:] else []
-    note = f"x and y are numbers of samples: coordinates in two dimensions ({', '.join(curved[:4])}) are not used"
-    return replace(grid, notes=(*grid.notes, *[note] * bool(curved))), None
+    curved = curved_notes({name: {} for name in named}, None not in scales[1:])
+    return replace(grid, notes=(*grid.notes, *curved)), None
 
 
 def _read_scale(path: Path, scale: Scale, size: int, options: LoadOptions) -> np.ndarray:
@@ -298,7 +305,7 @@ def _time_step(path: Path, dataset: Any, axis: int, options: LoadOptions) -> flo
     if scale is None or not _is_scale(scale, size):
         return None
     about = scale.attributes
-    unit = SECONDS.get((about["units"] or about["unit"]).split(" ")[0].lower())
+    unit = seconds_in((about["units"] or about["unit"]).split(" ")[0])
     places = _read_scale(path, scale, size, options)
     steps = np.diff(places)
     even = len(steps) and np.isfinite(places).all() and np.ptp(steps) <= 1e-3 * abs(steps[0])
@@ -314,7 +321,7 @@ def _unit(node: Any) -> str:
 def _value_unit(dataset: Any) -> str:
     """The unit of values; "" for a length, which may be the grid's."""
     unit = attribute_text(dataset, "units") or attribute_text(dataset, "unit")
-    return "" if unit_name(unit) in METRES else value_unit_name(unit)
+    return "" if metres_in(unit) else value_unit_name(unit)
 
 
 def _is_scale(scale: Scale | None, size: int) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.errors import InputError, expected, import_extra
+from splatgl.fileio import decode_text
 from splatgl.readers.common import decoder_errors, run_elsewhere
 
 # most objects that are visited, soft links to one object, and numbers of an attribute or a dimension scale
@@ -124,7 +125,9 @@ def dimension_scales(dataset: Any) -> list[Any]:
 def attribute_texts(node: Any, name: str) -> list[str]:
     """An attribute's texts, [] without any."""
     values = _read_attribute(node, name).tolist()
-    return [value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value) for value in values]
+    # h5py returns text that is no UTF-8 with surrogates
+    raw = [value if isinstance(value, bytes) else str(value).encode(errors="surrogateescape") for value in values]
+    return [decode_text(entry) for entry in raw]
 
 
 def attribute_text(node: Any, name: str) -> str:

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import Lattice, axis_kind
-from splatgl.readers.channels import SECONDS, is_color_rule
+from splatgl.data.affine import Lattice, axis_kind, seconds_in
+from splatgl.readers.channels import is_color_rule
 from splatgl.readers.hdf5_files import (
     attribute_numbers,
     attribute_text,
@@ -134,7 +134,7 @@ def layout_kinds(dataset: Any, scales: Sequence[Scale | None], names: Sequence[s
     kinds = [axis_kind(name, attributes) for name, attributes in zip(names, about, strict=True)]
     if sum(size > 1 for size in shape) > 3:
         units = [attributes.get("units") or attributes.get("unit") or "" for attributes in about]
-        timed = (unit.lower() in (*SECONDS, "day", "days") for unit in units)
+        timed = (seconds_in(unit) is not None for unit in units)
         kinds = ["time" if is_time and not kind else kind for kind, is_time in zip(kinds, timed, strict=True)]
     return kinds
 

@@ -1,17 +1,25 @@
-"""Samples of HDF5 datasets: mapped, read, or read in parts. Only filters with bounded results are run."""
+"""Samples of HDF5 datasets: mapped, read, or read in parts.
+
+Only filters that h5py or hdf5plugin have are run; a chunk that states a larger size than it can have is refused.
+"""
 
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from importlib import import_module
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from splatgl.data.arrays import of_array
+from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import expected
-from splatgl.fileio import WHOLE_BYTES, byte_count
+from splatgl.fileio import WHOLE_BYTES, byte_count, decode_text
 from splatgl.readers.chunked import Chunked, OneFile, Packing
 from splatgl.readers.common import (
     DEFLATE_RATIO,
@@ -24,9 +32,20 @@ from splatgl.readers.common import (
 )
 from splatgl.readers.hdf5_files import external_error
 
-# filters by number whose results are bounded by the stored bytes; others state a size themselves, or are plug-ins
-_FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}
-_GZIP = 1
+# filters by number that come with h5py; those of hdf5plugin, and others that have a name
+_FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 4: "szip", 6: "scaleoffset", 32000: "lzf"}
+_PLUGINS = {
+    **{307: "bzip2", 32001: "blosc", 32004: "lz4", 32008: "bitshuffle", 32013: "zfp", 32015: "zstd", 32017: "sz"},
+    **{32018: "fcidecomp", 32024: "sz3", 32026: "blosc2", 32028: "sperr", 32033: "htj2k"},
+}
+_NAMES = _FILTERS | _PLUGINS | {5: "nbit", 305: "lzo", 32014: "fpzip", 32016: "b3d", 32019: "jpeg"}
+_GZIP, _FLETCHER32, _SCALEOFFSET = 1, 3, 6
+# of filters that allocate what a chunk's first bytes state: the place of that size, and its byte order
+_STATED: dict[int, tuple[slice, Literal["little", "big"]]] = {
+    4: (slice(0, 4), "little"),
+    32001: (slice(4, 8), "little"),
+    **dict.fromkeys((32004, 32008), (slice(0, 8), "big")),
+}
 
 # least bytes that are read together, if the file's chunks are smaller
 _PART_BYTES = 2**20
@@ -60,17 +79,57 @@ def _check_storage(dataset: Any, anywhere: bool) -> None:
     """Raises InputError for data in other files, for filters with unbounded results, and for very large chunks."""
     if not anywhere and (dataset.external or dataset.is_virtual):
         raise external_error(dataset.name, dataset.external[0][0] if dataset.external else "a virtual dataset")
-    stated = dataset.id.get_create_plist()
-    codes = [stated.get_filter(number)[0] for number in range(stated.get_nfilters())]
-    unknown = [str(code) for code in codes if code not in _FILTERS]
-    if unknown or codes.count(_GZIP) > 1:
-        fix = "repack it with: h5repack -f GZIP=4 OLD NEW"
-        known = ", ".join(_FILTERS.values())
-        raise expected("filters", f"only {known}", ", ".join(unknown) or "gzip twice", fix)
+    _check_filters(dataset)
     chunk = byte_count(dataset.chunks or (), dataset.dtype)
     if chunk > MAX_BYTES:
         fix = "repack it with smaller ones: h5repack -l CHUNK=64x64x64 OLD NEW"
         raise expected("chunks", f"at most {MAX_BYTES} bytes each", chunk, fix)
+
+
+def _filters(dataset: Any) -> list[tuple[int, tuple[int, ...], str]]:
+    """Number, parameters and name of each filter of a dataset, in the order in which they were applied."""
+    stated = dataset.id.get_create_plist()
+    filters = [stated.get_filter(number) for number in range(stated.get_nfilters())]
+    return [
+        (code, values, _NAMES.get(code) or "".join(filter(str.isprintable, decode_text(name)))[:40])
+        for code, _, values, name in filters
+    ]
+
+
+def _check_filters(dataset: Any) -> None:
+    """Raises InputError for filters that are not installed, or whose results are not bounded."""
+    filters = _filters(dataset)
+    codes = [code for code, _, _ in filters]
+    if any(code in _PLUGINS for code in codes):
+        # it registers its filters when it is imported
+        with suppress(ImportError):
+            import_module("hdf5plugin")
+    missing = [f"{name} ({code})".strip() for code, _, name in filters if not _is_available(code)]
+    if missing or max(map(codes.count, codes), default=1) > 1:
+        known = ", ".join(name for code, name in _FILTERS.items() if _is_available(code))
+        can = any(code in _PLUGINS for code in codes if not _is_available(code))
+        fix = "install hdf5plugin: pip install 'splatgl[hdf5-filters]'; or " * can
+        got = ", ".join(missing) or "one of them twice"
+        raise expected("filters", known, got, f"{fix}repack it with: h5repack -f GZIP=4 OLD NEW")
+    for code, values, _ in filters:
+        # numbers and bytes of a chunk, which it allocates
+        size = (math.prod(dataset.chunks or ()), dataset.dtype.itemsize)
+        if code == _SCALEOFFSET and (len(values) < 5 or (values[2], values[4]) != size):
+            raise expected("scaleoffset", "the chunk's size", values[2:5], "the file is damaged")
+
+
+def of_dataset(x: Any, options: ArrayOptions) -> Volume:
+    """The volume of a dataset of h5py. Raises InputError as `read_samples` for filters that are not installed."""
+    if hasattr(x, "chunks"):
+        _check_filters(x)
+    return of_array(x, options)
+
+
+def _is_available(code: int) -> bool:
+    """Whether a known filter is there."""
+    import h5py
+
+    return (code in _FILTERS or code in _PLUGINS) and bool(h5py.h5z.filter_avail(code))
 
 
 class _Part(OneFile):
@@ -119,7 +178,10 @@ class _DatasetPart(_Part):
     def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: Packing | None) -> None:
         super().__init__(path, dataset, index, packed)
         self.empty = not dataset.is_virtual and not dataset.external and not dataset.id.get_storage_size()
-        self.checked = dataset.compression == "gzip"
+        codes = [code for code, _, _ in _filters(dataset) if code != _FLETCHER32]
+        # the filter that was applied last, whose result is stored
+        self.last, self.number = (codes[-1], len(codes) - 1) if codes else (0, 0)
+        self.checked = self.last == _GZIP or self.last in _STATED
         with decoder_errors("HDF5"):
             self.fill_value = self._values(np.asarray(dataset.fillvalue)[None])[0]
 
@@ -142,11 +204,18 @@ class _DatasetPart(_Part):
     def _check_chunk(self, place: tuple[int, ...]) -> None:
         """Raises InputError if the chunk expands beyond its size."""
         chunk = self.dataset.id.get_chunk_info_by_coord(place)
-        if chunk.byte_offset is not None and chunk.size * DEFLATE_RATIO > MAX_BYTES:
-            require_bytes(chunk.size, self.path.stat().st_size)
-            room = byte_count(self.stored, self.dataset.dtype)
-            if inflated_size(io.BytesIO(self.dataset.id.read_direct_chunk(place)[1]), room) > room:
-                raise expected("chunk", f"{room} bytes", "more", "the file is damaged")
+        if chunk.byte_offset is None or (self.last == _GZIP and chunk.size * DEFLATE_RATIO <= MAX_BYTES):
+            return
+        require_bytes(chunk.size, self.path.stat().st_size)
+        room = byte_count(self.stored, self.dataset.dtype)
+        skipped, data = self.dataset.id.read_direct_chunk(place)
+        if self.last == _GZIP:
+            size = inflated_size(io.BytesIO(data), room)
+        else:
+            where, order = _STATED[self.last]
+            size = 0 if skipped >> self.number & 1 else int.from_bytes(data[where], order)
+        if size > room:
+            raise expected("chunk", f"{room} bytes", "more", "the file is damaged")
 
     def holds(self, place: Sequence[int]) -> bool:
         """Whether the file may store the samples that are read together there."""

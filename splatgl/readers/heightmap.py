@@ -140,7 +140,7 @@ def read_csv(path: Path, options: LoadOptions) -> Volume:
     """The terrain of a table of comma-separated heights, the first line at y = 0; empty cells are holes."""
     with decoder_errors("a CSV table of heights"):
         try:
-            with path.open(encoding="latin-1") as file:
+            with path.open(encoding="utf-8-sig", errors="replace") as file:
                 heights = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
         except ValueError:
             heights = _parse_rows(path)
@@ -151,7 +151,7 @@ def read_csv(path: Path, options: LoadOptions) -> Volume:
 
 def _parse_rows(path: Path) -> np.ndarray:
     """The numbers of a table with empty cells, NaN there."""
-    with path.open(encoding="latin-1") as file:
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
         rows = [[cell.strip().lower() for cell in line.split(",")] for line in file if line.strip()]
     none = ("", "na", "n/a", "nan", "null", "none", "-", "nodata")
     text = next((cell for row in rows for cell in row if cell not in none and parse_number(cell, None) is None), None)

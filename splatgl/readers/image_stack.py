@@ -16,12 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.affine import metres_in, unit_name
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra, list_names
-from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
+from splatgl.fileio import WHOLE_BYTES, byte_count, decode_text, require_memory
 from splatgl.readers.channels import Channel, ChannelSet, split_colors
 from splatgl.readers.chunked import Chunked, OneFile, file_tag
-from splatgl.readers.common import decoder_errors
+from splatgl.readers.common import decoder_errors, parse_number
 from splatgl.readers.dicom_pixels import MOST_TILES, picture_size
 from splatgl.readers.heightmap import PICTURES, open_picture
 from splatgl.readers.ome_zarr import natural_key
@@ -50,7 +51,7 @@ _CHANNELS, _TIMES = ("c", "ch", "chan", "channel", "w"), ("t", "tp", "time", "ti
 _NUMBERS, _WORD = re.compile(r"\d+(?:\.\d+)*"), re.compile(r"([a-z]*)[^a-z]*$")
 # size of a pixel in the logs of SkyScan's scanners, where the slices' stands behind that of the projections, and most
 # bytes of a log
-_LOG_SIZE, _LOG_BYTES = re.compile(rb"(?m)^\s*(Image )?Pixel Size \(um\)\s*=\s*([0-9.]+)"), 2**16
+_LOG_SIZE, _LOG_BYTES = re.compile(rb"(?m)^\s*(Image )?Pixel Size \(([^)]{1,16})\)\s*=\s*([0-9.]+)"), 2**16
 _LOG_SLICES = b"[Reconstruction]"
 # most logs that are read
 _MOST_LOGS = 5
@@ -319,9 +320,9 @@ def _find_grid(file: Path) -> tuple[Grid, list[str]]:
         with log.open("rb") as opened:
             text = opened.read(_LOG_BYTES)
         slices = _LOG_SIZE.findall(text.partition(_LOG_SLICES)[2])
-        sizes = slices or sorted(_LOG_SIZE.findall(text), reverse=True)
-        size = float(sizes[0][1]) if sizes and sizes[0][1].count(b".") < 2 else 0.0
-        if 0 < size < np.inf:
-            return ((size, size, size), "um"), [f"voxels of {size:g} um by {log.name}"]
+        sizes = slices or sorted(_LOG_SIZE.findall(text), reverse=True) or [(b"", b"", b"")]
+        size, unit = parse_number(decode_text(sizes[0][2]), 0.0), unit_name(decode_text(sizes[0][1]))
+        if 0 < size < np.inf and metres_in(unit):
+            return ((size, size, size), unit), [f"voxels of {size:g} {unit} by {log.name}"]
     grid, note = resolution_grid(dpi)
     return grid, [note] if grid[1] else [hint, *[note] * bool(note)]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import unit_name, volume_on_grid
+from splatgl.data.affine import volume_on_grid
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.readers.channels import Channel, ChannelSet, hex_color, mark_microscope, parse_window
@@ -99,7 +99,7 @@ def _read_volume(path: Path, channel: Any, image: Any, options: LoadOptions) -> 
     low, high = _read_corner(image, "ExtMin", [0, 0, 0]), _read_corner(image, "ExtMax", sizes)
     matrix = np.diag((high - low) / sizes)
     origin = low + matrix @ (0.5, 0.5, 0.5)
-    return volume_on_grid(samples, matrix, origin, "ExtMin and ExtMax", unit=unit_name(attribute_text(image, "Unit")))
+    return volume_on_grid(samples, matrix, origin, "ExtMin and ExtMax", unit=attribute_text(image, "Unit"))
 
 
 def _read_corner(image: Any, name: str, default: Sequence[float]) -> np.ndarray:

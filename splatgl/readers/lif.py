@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import METRES, unit_name
+from splatgl.data.affine import metres_in, seconds_in
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
-from splatgl.readers.channels import SECONDS, Channel
+from splatgl.readers.channels import Channel
 from splatgl.readers.chunked import OneFile
 from splatgl.readers.common import decoder_errors, parse_number, require_bytes
 from splatgl.readers.microscopes import ORDER, BoundedFile, Image, even_spacing, read_image
@@ -101,10 +101,10 @@ def _read_steps(node: Any) -> tuple[tuple[float, float, float], str, float | Non
         length, count = (parse_number(axis.get(key)) for key in ("Length", "NumberOfElements"))
         step = abs(length) / (count - 1) if count > 1 else 0.0
         if letter == "T":
-            steps[letter] = step * SECONDS.get(name, 0.0)
+            steps[letter] = step * (seconds_in(name) or 0.0)
         elif letter:
-            known = unit_name(name) in METRES
-            steps[letter], unit = step * (METRES[unit_name(name)] * 1e6 if known else 1.0), "um" if known else unit
+            metres = metres_in(name)
+            steps[letter], unit = step * (metres * 1e6 if metres else 1.0), "um" if metres else unit
     return even_spacing(*(steps.get(axis, 0.0) for axis in "XYZ")), unit, steps.get("T") or None
 
 

@@ -1,10 +1,11 @@
-"""Meshes: PLY, STL, OBJ, OFF, GLB, VTP, TRK and TCK, with values at vertices."""
+"""Meshes: PLY, OBJ, OFF, STL, GLB, VTP, TRK and TCK, with colours and values at vertices."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -14,6 +15,7 @@ import numpy as np
 from splatgl.data.mesh import SIDES, Mesh, ring_points
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.readers.common import decoder_errors, silence_libraries
+from splatgl.readers.polygons import DEFAULT, Polygons, read_obj, read_off, read_ply_polygons
 from splatgl.readers.vtk_cells import read_cells, read_count, read_points
 from splatgl.readers.vtk_legacy import PointArray
 from splatgl.readers.vtk_xml import VtkXml, parse_vtk, read_arrays
@@ -77,32 +79,73 @@ def color_mesh(mesh: Mesh, color: str | tuple[float, float, float] | None) -> Me
     return replace(mesh, colormap=color, colors=None)
 
 
+def _read_polygons(read: Callable[[Path], Polygons], path: Path, radius: float | None, array: str | None) -> Mesh:
+    """Reads polygons, and lines as tubes; points without either become balls."""
+    some, frame = read(path), _find_frame(path)
+    numbers = select_ply_numbers(some.columns, array)
+    colors = some.colors if array is None else None
+    if not len(some.ends) and not some.lines:
+        balls = _make_balls(some.points, some.colors, radius, frame)
+        repeated = np.repeat(np.arange(len(some.points)), len(balls.vertices) // max(len(some.points), 1))
+        return replace(assign_numbers(balls, numbers, repeated), colors=balls.colors if array is None else None)
+    triangles, _ = some.fans()
+    # without triangles at points that have no place
+    there = np.isfinite(some.points).all(axis=1)
+    triangles = triangles[there[some.numbers[triangles]].all(axis=1)]
+    mesh = Mesh(np.where(there[:, None], some.points, 0.0), some.numbers[triangles], colors=colors, frame=frame)
+    if numbers is not None:
+        mesh = replace(mesh, values=numbers.values, quantity=numbers.name)
+    mesh, kept = _merge_vertices(mesh)
+    if some.corner_colors is not None and array is None:
+        mesh = replace(_separate_corners(mesh), colors=some.corner_colors[triangles[kept]].reshape(-1, 3))
+    tubes = _make_tubes([some.points[line] for line in some.lines], radius)
+    return replace(join_meshes([mesh, tubes]), frame=frame)
+
+
+def _merge_vertices(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
+    """The mesh with one vertex for those of equal place, colour and value, and without triangles of two corners; bool
+    [M]: triangles that are kept.
+    """
+    extra = [array for array in (mesh.colors, mesh.values) if array is not None]
+    rows = np.column_stack([mesh.vertices, *extra])
+    _, first, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    faces = number.reshape(-1)[mesh.faces]
+    kept = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    used, faces = np.unique(faces[kept], return_inverse=True)
+    vertices = first[used]
+    colors, values = (None if array is None else array[vertices] for array in (mesh.colors, mesh.values))
+    faces = faces.reshape(-1, 3)
+    return replace(mesh, vertices=mesh.vertices[vertices], faces=faces, colors=colors, values=values), kept
+
+
 def _read_triangles(path: Path, radius: float | None, array: str | None) -> Mesh:
-    """Reads triangles; points without triangles become balls."""
-    trimesh = import_extra("trimesh", "meshes", "trimesh", "mesh")
+    """Reads the triangles of all parts of a file in trimesh; points without triangles become balls."""
+    trimesh = import_extra("trimesh", "meshes in STL and GLB", "trimesh", "mesh")
+    if array is not None:
+        raise expected("array", "no value for STL and GLB", repr(array))
     with decoder_errors("a mesh"):
-        plain = path.suffix.lower() == ".ply"
-        loaded: Any = trimesh.load_mesh(path, process=not plain)
-        # join several parts
-        joint: Any = loaded.to_mesh() if hasattr(loaded, "to_mesh") else loaded
-        numbers = select_ply_numbers(joint.metadata.get("_ply_raw"), array)
-        if numbers is not None and len(joint.faces) and numbers.values is not None:
-            joint.vertex_attributes["values"] = numbers.values
-        if plain:
-            joint.process(validate=False)
-        vertices, faces = np.asarray(joint.vertices), np.asarray(joint.faces)
-        if not len(faces) and isinstance(cloud := trimesh.load(path), trimesh.PointCloud):
-            points, numbers = np.asarray(cloud.vertices), select_ply_numbers(cloud.metadata.get("_ply_raw"), array)
-            balls = _make_balls(points, cloud.colors, radius, _find_frame(path))
-            repeated = np.repeat(np.arange(len(points)), len(balls.vertices) // max(len(points), 1))
-            return replace(assign_numbers(balls, numbers, repeated), colors=balls.colors if array is None else None)
-        has_colors = getattr(joint.visual, "kind", None) in ("vertex", "face")
-        colors = np.asarray(joint.visual.vertex_colors)[:, :3] if has_colors else None
-        mesh = Mesh(vertices, faces, colors=colors, frame=_find_frame(path))
-        if numbers is None:
-            return mesh
-        values = np.asarray(joint.vertex_attributes["values"])
-    return replace(mesh, values=values, quantity=numbers.name, colors=mesh.colors if array is None else None)
+        scene, frame, parts = trimesh.load_scene(path, process=False), _find_frame(path), []
+        for node in scene.graph.nodes_geometry:
+            transform, name = scene.graph[node]
+            part = scene.geometry[name].copy().apply_transform(transform)
+            points, colors = np.asarray(part.vertices, np.float64), None
+            if not hasattr(part, "faces"):
+                parts.append(_make_balls(points, getattr(part, "colors", None), radius, frame))
+                continue
+            looks = part.visual
+            if looks.kind == "texture":
+                looks = looks.to_color() if _has_look(looks.material) else None
+            if looks is not None and looks.kind in ("vertex", "face"):
+                # one of all vertices, or one of each
+                colors = np.broadcast_to(np.asarray(looks.vertex_colors)[..., :3], points.shape)
+            parts.append(_merge_vertices(Mesh(points, np.asarray(part.faces), colors=colors))[0])
+    return replace(join_meshes(parts), frame=frame)
+
+
+def _has_look(material: Any) -> bool:
+    """Whether a material states a colour or a picture."""
+    names = ("baseColorFactor", "baseColorTexture", "image", "diffuse")
+    return any(getattr(material, name, None) is not None for name in names)
 
 
 def _make_balls(points: np.ndarray, colors: np.ndarray | None, radius: float | None, frame: str | None) -> Mesh:
@@ -154,11 +197,12 @@ def _read_piece(file: VtkXml, piece: Element, radius: float | None, array: str |
     # first cell numbers of the kinds, as VTK counts cells
     starts = dict(zip(kinds, np.cumsum([0, *(len(ends) for _, ends in kinds.values())]).tolist(), strict=False))
     numbers = select_numbers(file, piece, (len(points), sum(len(ends) for _, ends in kinds.values())), array)
-    fans, owners = _fan_polygons(*kinds["Polys"])
+    numbers_of, ends = kinds["Polys"]
+    fans, owners = Polygons(points, numbers_of, ends).fans()
     strips = [np.stack([cell[:-2], cell[1:-1], cell[2:]], axis=1) for cell in np.split(*kinds["Strips"])]
-    cells = [owner + starts["Polys"] for owner in owners]
+    cells = [owners + starts["Polys"]]
     cells += [np.full(len(strip), starts["Strips"] + n) for n, strip in enumerate(strips)]
-    surface = Mesh(points, np.concatenate([np.zeros((0, 3), np.int64), *fans, *strips]))
+    surface = Mesh(points, np.concatenate([numbers_of[fans], *strips]))
     lines = np.split(*kinds["Lines"])
     tubes = _make_tubes([points[cell] for cell in lines], radius)
     if numbers is not None and numbers.of_cells:
@@ -170,21 +214,12 @@ def _read_piece(file: VtkXml, piece: Element, radius: float | None, array: str |
     return [surface, assign_numbers(tubes, numbers, np.repeat(np.concatenate([np.zeros(0, np.int64), *rings]), SIDES))]
 
 
-def _fan_polygons(numbers: np.ndarray, ends: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Triangles [N, 3] of polygons and their polygon numbers [N], one pair of arrays per number of corners."""
-    sizes, triangles, owners = np.diff(ends, prepend=0), [], []
-    for size in np.unique(sizes[sizes > 2]).tolist():
-        some = np.flatnonzero(sizes == size)
-        cells = numbers[(ends - sizes)[some][:, None] + np.arange(size)]
-        first = np.broadcast_to(cells[:, :1], (len(cells), size - 2))
-        triangles.append(np.stack([first, cells[:, 1:-1], cells[:, 2:]], axis=2).reshape(-1, 3))
-        owners.append(np.repeat(some, size - 2))
-    return triangles, owners
-
-
 # readers by ending
 MESHES: dict[str, Read] = {
-    **dict.fromkeys((".ply", ".stl", ".obj", ".off", ".glb"), _read_triangles),
+    **dict.fromkeys((".stl", ".glb"), _read_triangles),
+    ".ply": partial(_read_polygons, read_ply_polygons),
+    ".obj": partial(_read_polygons, read_obj),
+    ".off": partial(_read_polygons, read_off),
     **dict.fromkeys((".trk", ".tck"), _read_tracks),
     ".vtp": _read_vtp,
 }
@@ -245,13 +280,10 @@ def select_numbers(file: VtkXml, piece: Element, counts: tuple[int, int], array:
     return Numbers(source.name, values.astype(np.float64), None, of_cells)
 
 
-def select_ply_numbers(raw: Any, array: str | None) -> Numbers | None:
+def select_ply_numbers(known: Mapping[str, np.ndarray], array: str | None) -> Numbers | None:
     """Numbers that colour a PLY file: the vertex property of that name, or `quality`, `scalar…`, `value`, `intensity`,
-    or the first that is no coordinate, normal or colour. raw: trimesh's elements.
+    or the first that is no coordinate, normal or colour. known: properties by name.
     """
-    table: Any = raw.get("vertex", {}).get("data") if isinstance(raw, dict) else None
-    names = table if isinstance(table, dict) else getattr(getattr(table, "dtype", None), "names", None) or ()
-    known = {name: np.asarray(table[name]) for name in names}
     shown = [
         name
         for name, entry in known.items()
@@ -273,15 +305,19 @@ def assign_numbers(mesh: Mesh, numbers: Numbers | None, points: np.ndarray) -> M
     return replace(mesh, values=values, colors=colors, quantity=numbers.name)
 
 
-def assign_cell_numbers(mesh: Mesh, numbers: Numbers, cells: np.ndarray) -> Mesh:
-    """A mesh with the numbers of cells, whose triangles share no vertices. cells [M]: cell number of each triangle."""
-    apart = replace(
+def _separate_corners(mesh: Mesh) -> Mesh:
+    """The mesh with a vertex at each corner of each triangle, and the normals that the corners had."""
+    return replace(
         mesh,
         vertices=mesh.vertices[mesh.faces].reshape(-1, 3),
         faces=np.arange(3 * len(mesh)).reshape(-1, 3),
         corner_normals=mesh.normals,
     )
-    return assign_numbers(apart, numbers, np.repeat(cells, 3))
+
+
+def assign_cell_numbers(mesh: Mesh, numbers: Numbers, cells: np.ndarray) -> Mesh:
+    """A mesh with the numbers of cells, whose triangles share no vertices. cells [M]: cell number of each triangle."""
+    return assign_numbers(_separate_corners(mesh), numbers, np.repeat(cells, 3))
 
 
 def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
@@ -294,7 +330,7 @@ def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
     if any(mesh.values is not None for mesh in some):
         values = [np.full(len(mesh.vertices), np.nan) if mesh.values is None else mesh.values for mesh in some]
     if any(mesh.colors is not None for mesh in some):
-        gray = [np.full((len(mesh.vertices), 3), 200, np.uint8) for mesh in some]
+        gray = [np.tile(DEFAULT, (len(mesh.vertices), 1)) for mesh in some]
         colors = [default if mesh.colors is None else mesh.colors for mesh, default in zip(some, gray, strict=True)]
     if any(mesh.corner_normals is not None for mesh in some):
         normals = np.concatenate([mesh.normals for mesh in some])

@@ -14,10 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.affine import unit_name
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected
-from splatgl.fileio import byte_count
+from splatgl.fileio import byte_count, decode_text
 from splatgl.readers.channels import ChannelSet, split_voxels
 from splatgl.readers.common import (
     convert_words,
@@ -84,7 +83,7 @@ def _volume(samples: np.ndarray, fields: Fields, options: LoadOptions) -> Volume
         triple(_numbers(fields, ("ElementSpacing", "ElementSize"), [1.0] * 3)[:3], "ElementSpacing"),
         triple(_numbers(fields, ("Offset", "Position", "Origin"), [0.0] * 3)[:3], "Offset"),
         direction,
-        unit_name(fields.get("DistanceUnits", "")),
+        fields.get("DistanceUnits", ""),
         frame=frame,
         color=color,
         vectors=vectors,
@@ -132,7 +131,7 @@ def _header(path: Path) -> tuple[Fields, list[str], int]:
     with path.open("rb") as file:
         while "ElementDataFile" not in fields:
             line = file.readline(_HEADER_LIMIT)
-            key, equals, value = line.decode("latin-1").partition("=")
+            key, equals, value = decode_text(line).partition("=")
             if (line.strip() and not equals) or file.tell() > _HEADER_LIMIT or not key.strip().isascii():
                 raise expected("header", "lines 'key = value'", repr(line[:16]), "is this a MetaImage file?")
             if not line:
@@ -144,7 +143,7 @@ def _header(path: Path) -> tuple[Fields, list[str], int]:
                 fields[key.strip()] = value.strip()
         start = file.tell()
         listed = fields["ElementDataFile"].upper().split()[:1] == ["LIST"]
-        file_names = (file.readline(_LINE_LIMIT).decode("latin-1").strip() for _ in range(_LINES_LIMIT * listed))
+        file_names = (decode_text(file.readline(_LINE_LIMIT)).strip() for _ in range(_LINES_LIMIT * listed))
         names = list(takewhile(bool, file_names))
     if fields.get("NDims") not in ("3", "4"):
         raise expected("NDims", "3 or 4", fields.get("NDims", "none"))

@@ -28,7 +28,6 @@ from splatgl.readers.common import (
     GZIP,
     decoder_errors,
     grid_shape,
-    has_whole_numbers,
     is_packed,
     map_array,
     open_unpacked,
@@ -42,6 +41,8 @@ _HEADER = 348
 _MGH_TYPES: dict[int, np.dtype] = {0: np.dtype(">u1"), 1: np.dtype(">i4"), 3: np.dtype(">f4"), 4: np.dtype(">i2")}
 # byte at which the samples of an .mgh file begin, behind its header
 _MGH_START = 284
+# bytes of the flag that tells whether an .mgh file states spacing and orientation
+_RAS_FLAG = slice(28, 30)
 # an index [x, y, z, …], a function that reads the samples [z, y, x] there; slope and intercept of samples
 Index = tuple[int | slice, ...]
 Read = Callable[[Index], np.ndarray]
@@ -88,7 +89,10 @@ def read_mgh(path: Path, options: LoadOptions) -> Volume:
         affine = header.get_affine()
         stored = _Stored.of(path, header)
     _check_bytes(stored)
-    return _frame_volume(stored, affine, options)
+    volume = _frame_volume(stored, affine, options)
+    note = "the header states no orientation (goodRASFlag 0): coronal slices of voxels of 1 mm are taken"
+    is_oriented = any(first[_RAS_FLAG])
+    return volume if is_oriented else replace(volume, notes=(*volume.notes, note))
 
 
 def _pair_file(path: Path, suffix: str) -> Path:
@@ -243,6 +247,10 @@ def _scaling(slope: float | None, intercept: float | None) -> Scaling:
     return slope, intercept if intercept and np.isfinite(intercept) else 0.0
 
 
+# square of a quaternion's first part that counts as 0, half a turn (nifti1_io.c)
+_HALF_TURN = 1e-7
+# length beyond 1 of a quaternion that is more than rounding
+_ROUNDED = 1e-3
 # share of a voxel by which sform and qform may differ across the grid
 _SAME_PLACE = 0.5
 
@@ -254,7 +262,10 @@ def _affine(header: Any) -> tuple[np.ndarray | None, tuple[str, ...]]:
     for name in ("sform", "qform"):
         if int(header[f"{name}_code"]):
             with decoder_errors("NIfTI"), np.errstate(all="ignore"):
-                matrix = np.asarray(header.get_sform() if name == "sform" else header.get_qform(), np.float64)
+                matrix, length = (header.get_sform(), 1.0) if name == "sform" else _qform(header)
+                matrix = np.asarray(matrix, np.float64)
+            if not grids and length > 1 + _ROUNDED:
+                notes.append(f"the qform's quaternion is {length:.3g} long, and taken for one of length 1")
             if np.isfinite(matrix).all() and (np.linalg.norm(matrix[:3, :3], axis=0) > 0).all():
                 grids.append((name, matrix))
             elif not grids:
@@ -268,6 +279,29 @@ def _affine(header: Any) -> tuple[np.ndarray | None, tuple[str, ...]]:
         if far > _SAME_PLACE * np.linalg.norm(matrix[:3, :3], axis=0).min():
             notes.append(f"the sform places the grid; the qform differs from it by up to {far:.3g}")
     return grids[0][1] if grids else None, tuple(notes)
+
+
+def _qform(header: Any) -> tuple[np.ndarray, float]:
+    """The grid [4, 4] by the header's quaternion (nifti1.h, method 2), and the length of its three stored parts. The
+    fourth is what they lack to length 1; where they are longer, by rounding or not, they are normed, as the format's
+    library does.
+    """
+    others = np.array([header[f"quatern_{letter}"] for letter in "bcd"], np.float64)
+    square = float(others @ others)
+    a = math.sqrt(1 - square) if square < 1 - _HALF_TURN else 0.0
+    b, c, d = others / (math.sqrt(square) if square >= 1 - _HALF_TURN else 1.0)
+    turn = [
+        [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+        [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
+        [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
+    ]
+    steps = np.abs(np.asarray(header["pixdim"][1:4], np.float64))
+    # pixdim[0] is -1 where the third axis is mirrored; 0 counts as 1
+    steps[2] *= -1.0 if header["pixdim"][0] < 0 else 1.0
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.array(turn) * steps
+    matrix[:3, 3] = [header[f"qoffset_{axis}"] for axis in "xyz"]
+    return matrix, math.sqrt(square)
 
 
 def _volume_of(
@@ -299,8 +333,11 @@ def _volume_of(
         return volume_on_grid(samples, affine[:3, :3], affine[:3, 3], "affine", frame="RAS", notes=notes, **more)
 
     volume = times.volume(options, read_volume)
-    is_labels = int(header["intent_code"]) == _LABELS and all(map(has_whole_numbers, volume.samples))
-    return replace(volume, labels=()) if is_labels else volume
+    if int(header["intent_code"]) != _LABELS:
+        return volume
+    rounded = volume.rounded()
+    note = "fractions are drawn as amounts, though the file's intent is labels"
+    return replace(volume, notes=(*volume.notes, note)) if rounded is None else replace(rounded, labels=())
 
 
 def _component_axis(sizes: tuple[int, ...], intent: int) -> int | None:

@@ -16,14 +16,13 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from splatgl.data.affine import shared_unit, unit_name, value_unit_name, volume_on_grid
+from splatgl.data.affine import seconds_in, shared_unit, unit_name, value_unit_name, volume_on_grid
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import expected, import_extra
-from splatgl.fileio import byte_count, require_memory
+from splatgl.fileio import byte_count, decode_text, require_memory
 from splatgl.readers.channels import (
     COLOR_NOTE,
     MAGNITUDE_NOTE,
-    SECONDS,
     Channel,
     ChannelSet,
     hex_color,
@@ -119,7 +118,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
     def read_layer(layer: int | None) -> Volume:
         volume = _volume(header, stored, kinds, options if layer is None else replace(options, channel=layer))
         known = tuple(label for at, label in segments if layer is None or at == layer)
-        return replace(volume, labels=known or None) if volume.samples.dtype.kind in "bui" else volume
+        rounded = volume.rounded() if known else None
+        return volume if rounded is None else replace(rounded, labels=known)
 
     # without layers of segments, `channel` picks a component
     volume = channel_set.volume(options if layered is not None else replace(options, channel=None), read_layer)
@@ -208,8 +208,8 @@ def _time_step(header: Header, axis: int) -> float | None:
         step = parse_number(listed[1]) - parse_number(listed[0])
     elif spacings is not None and axis < len(spacings):
         step = spacings[axis]
-    unit = str(units[axis]).lower() if units is not None and axis < len(units) else ""
-    seconds = float(step) * SECONDS.get(unit, 0.0 if unit.strip("?") else 1.0)
+    unit = str(units[axis]) if units is not None and axis < len(units) else ""
+    seconds = float(step) * (seconds_in(unit) or (0.0 if unit.strip("?") else 1.0))
     return seconds if 0 < seconds < np.inf else None
 
 
@@ -254,8 +254,9 @@ def _read_header(path: Path) -> tuple[Header, int]:
         lines = _header_lines(file)
         # behind "data file: LIST" come names
         last = next((n for n, line in enumerate(lines, 1) if _LIST.match(line)), len(lines))
-        header, end = nrrd.read_header(lines[:last]), file.tell()
-        header[LISTED] = [line.decode("latin-1").strip() for line in lines[last:] if line.strip()]
+        # as text: pynrrd drops bytes that are not ASCII
+        header, end = nrrd.read_header(list(map(decode_text, lines[:last]))), file.tell()
+        header[LISTED] = [decode_text(line).strip() for line in lines[last:] if line.strip()]
     for name in ("dimension", "type", "encoding", "sizes"):
         if name not in header:
             raise expected("header", f"a field {name!r}", "none", "the header is incomplete")
@@ -277,7 +278,7 @@ def _header_lines(file: BinaryIO) -> list[bytes]:
     while room > 0 and (line := file.readline(room)):
         lines.append(line)
         room -= len(line)
-        if not line.decode("ascii", "ignore").strip():
+        if not line.strip():
             return lines
     if room <= 0:
         raise expected("header", f"at most {_HEADER_LIMIT} bytes", "more", "is this a NRRD file?")

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import METRES, unit_name
+from splatgl.data.affine import metres_in, seconds_in
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra
-from splatgl.readers.channels import SECONDS, Channel
+from splatgl.readers.channels import Channel
 from splatgl.readers.common import decoder_errors, parse_number, require_plausible
 from splatgl.readers.microscopes import Image, OpenFile, Planes, check_planes, even_spacing, read_image
 from splatgl.readers.options import LoadOptions
@@ -156,13 +156,13 @@ def _read_steps(settings: Any) -> tuple[dict[str, float], set[str]]:
         axis = settings.get(f"Axis {number} Parameters Common", {})
         letter, name = str(axis.get("AxisCode", "")), str(axis.get("UnitName", "")).strip()
         count, begin, end = (parse_number(axis.get(key)) for key in ("MaxSize", "StartPosition", "EndPosition"))
-        scale = SECONDS.get(name) if letter == "T" else METRES.get(unit_name(name), 0.0) * 1e6 or None
+        scale = seconds_in(name) if letter == "T" else (metres_in(name) or 0.0) * 1e6
         if letter and scale and count > 1 and np.isfinite(end - begin):
             steps[letter] = abs(end - begin) / (count - (letter in "ZT")) * scale
             known.add(letter)
     image = settings.get("Reference Image Parameter", {})
     for letter, key in (("X", "Width"), ("Y", "Height")):
-        step, scale = parse_number(image.get(f"{key}ConvertValue")), METRES.get(unit_name(str(image.get(f"{key}Unit"))))
+        step, scale = parse_number(image.get(f"{key}ConvertValue")), metres_in(str(image.get(f"{key}Unit")))
         if scale and 0 < step < 1e12:
             steps[letter] = step * scale * 1e6
             known.add(letter)

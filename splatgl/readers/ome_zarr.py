@@ -6,9 +6,7 @@ from the level's coordinate transformations (OME-Zarr 0.4 and 0.5).
 
 from __future__ import annotations
 
-import base64
 import re
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,84 +14,36 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import METRES, Coordinate, axis_kind, make_lattice, shared_unit, unit_name, value_unit_name
+from splatgl.data.affine import (
+    metres_in,
+    seconds_in,
+    shared_unit,
+    unit_name,
+    value_unit_name,
+)
 from splatgl.data.volume import Hints, Label, Triple, Volume
 from splatgl.errors import Choice, expected, import_extra, list_names
 from splatgl.fileio import WHOLE_BYTES, byte_count
 from splatgl.readers.channels import (
     MOST_CHANNELS,
-    SECONDS,
     Channel,
     ChannelSet,
     hex_color,
     mark_microscope,
     parse_window,
 )
-from splatgl.readers.chunked import CF_NUMBERS, Chunked, Packing, TransposedChunks
+from splatgl.readers.chunked import Chunked, TransposedChunks
 from splatgl.readers.common import array_fields, decoder_errors
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import METADATA, Remote
+from splatgl.readers.zarr_coordinates import channel_names, dimension_kind, dimension_names, read_lattice, read_packing
 from splatgl.readers.zarr_validation import check_array, check_files
 from splatgl.readers.zarr_zip import open_zip
-
-# most coordinates that are read along a dimension, and most bytes of one that is text
-MOST_COORDINATES, MOST_TEXT = 2**20, 2**10
 
 
 def natural_key(name: str) -> list[Any]:
     """Sort key that orders names by the numbers in them: 2 before 10."""
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
-
-
-def dimension_names(node: Any) -> list[str]:
-    """Names of an array's dimensions, "" for an unnamed one; [] if the array states none."""
-    stated = getattr(node.metadata, "dimension_names", None) or node.attrs.asdict().get("_ARRAY_DIMENSIONS") or []
-    names = [str(name or "") for name in stated]
-    return names if len(names) == len(node.shape) else []
-
-
-def read_coordinates(group: Any, node: Any, names: Sequence[str]) -> list[Coordinate]:
-    """Coordinates along z, y and x, from arrays with the dimensions' names (xarray, CF)."""
-    dimensions = dimension_names(node)
-    coordinates = []
-    for name in ("z", "y", "x"):
-        axis = names.index(name)
-        scale = _find_scale(group, dimensions[axis], node.shape[axis]) if dimensions else None
-        if scale is None:
-            coordinates.append(Coordinate(dimensions[axis] if dimensions else name, node.shape[axis]))
-        else:
-            packing = read_packing(scale)
-            places = np.asarray(scale[:] if packing is None else packing.values(scale[:]), np.float64)
-            coordinates.append(Coordinate.of(dimensions[axis], places, scale.attrs.asdict()))
-    return coordinates
-
-
-def _find_scale(group: Any, name: str, size: int) -> Any:
-    """The array of a dimension's coordinates, None without one."""
-    node: Any = group.get(name) if group is not None and name else None
-    is_scale = getattr(node, "shape", None) == (size,) and node.dtype.kind in "uif" and size <= MOST_COORDINATES
-    return node if is_scale else None
-
-
-def read_packing(node: Any) -> Packing | None:
-    """The packing in an array's CF attributes, as xarray writes them, or None; format 2 has a fill value instead."""
-    attributes = node.attrs.asdict()
-    stated = {name: _parse_numbers(attributes.get(name)) for name in CF_NUMBERS}
-    if stated["_FillValue"] is None and dimension_names(node) and node.metadata.zarr_format == 2 and node.fill_value:
-        # zarr itself fills with 0
-        stated["_FillValue"] = _parse_numbers(node.fill_value)
-    return Packing.of(stated, node.dtype, attributes.get("_Unsigned"))
-
-
-def _parse_numbers(value: Any) -> np.ndarray | None:
-    """Numbers, or one coded as base64 of eight bytes, as xarray writes floats in format 3; else None."""
-    if isinstance(value, str):
-        try:
-            return np.array(struct.unpack("<d", base64.b64decode(value, validate=True)))
-        except (ValueError, struct.error):
-            return None
-    numbers = np.asarray(value).ravel()
-    return numbers if numbers.dtype.kind in "uif" else None
 
 
 def axis_names(node: Any, multiscale: Mapping[str, Any] | None, group: Any = None) -> list[str]:
@@ -104,20 +54,15 @@ def axis_names(node: Any, multiscale: Mapping[str, Any] | None, group: Any = Non
     axes = (multiscale or {}).get("axes")
     names = [axis if isinstance(axis, str) else str(axis.get("name", "?")) for axis in axes] if axes else []
     if not names:
-        names = [_axis_kind(group, name, size) for name, size in zip(dimension_names(node), node.shape, strict=False)]
+        names = [
+            dimension_kind(group, name, size) for name, size in zip(dimension_names(node), node.shape, strict=False)
+        ]
         names = names if len(names) == count and {"z", "y", "x"} <= set(names) else []
     names = names or list("tczyx")[5 - min(count, 5) :]
     space = sorted(name for name in names if name in ("z", "y", "x"))
     if len(names) != count or space not in (["x", "y", "z"], ["x", "y"]) or (len(space) < 3 and not axes):
         raise expected("axes", "z, y and x among the array's axes", f"{names} of {count}")
     return [name if name in tuple("zyxt") else f"c {name}" for name in names]
-
-
-def _axis_kind(group: Any, name: str, size: int) -> str:
-    """z, y, x, t or c, by a dimension's coordinates or name; else its name."""
-    scale = _find_scale(group, name, size)
-    kind = axis_kind(name, {} if scale is None else scale.attrs.asdict())
-    return {"time": "t"}.get(kind, kind or name.lower() or "?")
 
 
 def find_channels(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, group: Any = None) -> ChannelSet:
@@ -128,20 +73,10 @@ def find_channels(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, g
     if count > MOST_CHANNELS:
         raise expected("channels", f"at most {MOST_CHANNELS}", count, "the header is damaged")
     metadata = omero.get("channels", []) if isinstance(omero, Mapping) else []
-    described = _coordinate_names(group, node, names, count) if multiscale is None and count > 1 else metadata
+    described = channel_names(group, node, names, count) if multiscale is None and count > 1 else metadata
     channels = [_read_channel(n, described[n] if n < len(described) else {}) for n in range(count)]
     together = count > 1 and any(channel.color for channel in channels)
     return ChannelSet(tuple(channels), together, sizes.get("t", 1), _time_step(multiscale, names))
-
-
-def _coordinate_names(group: Any, node: Any, names: Sequence[str], count: int) -> list[dict[str, str]]:
-    """Names of channels in an array of text with the dimension's name, as xarray writes them; [] without them."""
-    dimensions = [name for name, kind in zip(dimension_names(node), names, strict=False) if kind not in tuple("zyxt")]
-    texts: Any = group.get(dimensions[0]) if group is not None and len(dimensions) == 1 else None
-    is_text = (
-        getattr(texts, "shape", None) == (count,) and texts.dtype.kind in "US" and texts.dtype.itemsize <= MOST_TEXT
-    )
-    return [{"label": str(text)} for text in texts[:]] if is_text else []
 
 
 def _read_channel(number: int, metadata: Any) -> Channel:
@@ -176,7 +111,7 @@ def _time_step(multiscale: Mapping[str, Any] | None, names: list[str]) -> float 
     if multiscale is None or not axes or "t" not in names:
         return None
     axis = axes[names.index("t")]
-    unit = SECONDS.get(axis.get("unit", "")) if isinstance(axis, Mapping) else None
+    unit = seconds_in(axis.get("unit")) if isinstance(axis, Mapping) else None
     scale = 1.0
     for owner in (*multiscale["datasets"][:1], multiscale):
         for step in owner.get("coordinateTransformations", ()):
@@ -286,8 +221,12 @@ def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tu
     if options.array is not None:
         if options.well is not None or options.field is not None:
             raise expected("array", "none beside well and field", repr(options.array), "leave it out")
-        node = group.get(str(options.array).strip("/")) if str(options.array).strip("/") else group
-        return (node, replace(options, array=None), ()) if isinstance(node, zarr.Group) else (group, options, ())
+        name = _plain(str(options.array))
+        node = group.get(name) if name else group
+        if isinstance(node, zarr.Group):
+            return node, replace(options, array=None), ()
+        owner, name = _find_owner(group, name, remote)
+        return owner, replace(options, array=name), ()
     if isinstance(attributes.get("plate"), Mapping) or isinstance(attributes.get("well"), Mapping):
         return _select_field(group, attributes, options, remote)
     for name in ("well", "field"):
@@ -304,12 +243,25 @@ def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tu
     images = _find_images(group)
     if not images:
         return group, options, ()
-    names = [image.path[len(group.path) :].strip("/") for image in images]
+    names = [_plain(image.path[len(group.path) :]) for image in images]
     first = images[0] if isinstance(images[0], zarr.Group) else group
     remaining = options if first is images[0] else replace(options, array=names[0])
     others = list_names(names[1:])
     notes = (f"image {names[0]} of {len(names)} is read; --array picks another: {others}",) if len(names) > 1 else ()
     return first, remaining, notes
+
+
+def _find_owner(group: Any, path: str, remote: Remote | None) -> tuple[Any, str]:
+    """(the multiscale image below a group that an array is a level of, its path there); the group without one."""
+    steps = path.split("/")
+    for count in range(len(steps) - 1, 0, -1):
+        above, name = "/".join(steps[:count]), "/".join(steps[count:])
+        if remote:
+            remote.refresh([f"{above}/{file}" for file in METADATA])
+        multiscale = _multiscale(group[above]) if above in group else None
+        if multiscale and any(entry["path"] == name for entry in multiscale["datasets"]):
+            return group[above], name
+    return group, path
 
 
 def _select_field(
@@ -422,7 +374,7 @@ def list_images(path: Path) -> list[str]:
         for image in images:
             multiscale = _multiscale(image) if isinstance(image, zarr.Group) else None
             array = image[multiscale["datasets"][0]["path"]] if multiscale else image
-            lines.append(f"* {image.path[len(group.path) :].strip('/') or '/'}  {_describe_array(array)}")
+            lines.append(f"* {_plain(image.path[len(group.path) :]) or '/'}  {_describe_array(array)}")
             names = list_labels(image) if multiscale else []
             lines += [f"* {f'{image.path}/labels/{name}'.strip('/')}  labels, --labels {name}" for name in names]
         return lines
@@ -448,7 +400,7 @@ def find_labels(path: Path, options: LoadOptions, name: str) -> str:
         if name not in names:
             this = f"a file, or one of {list_names(names) or 'the labels beside an image'}"
             raise expected("labels", this, repr(name))
-        return f"{image.path[len(group.path) :]}/labels/{name}".strip("/")
+        return _plain(f"{image.path[len(group.path) :]}/labels/{name}")
 
 
 def _is_volume(array: Any) -> bool:
@@ -480,12 +432,12 @@ def _read_volume(
     samples: Any = array[index] if whole else Chunked(str(remote or path), array, index, files)
     # 3. its grid
     if multiscale is None:
-        grid = make_lattice(read_coordinates(group, node, names), even=options.spacing is not None)
+        grid = read_lattice(group, node, names, even=options.spacing is not None)
         unit = value_unit_name(str(node.attrs.asdict().get("units") or ""))
-        unit = "" if unit_name(unit) in METRES else unit
+        unit = "" if metres_in(unit) else unit
         about = array_fields(node.path.rsplit("/", 1)[-1], array.dtype, unit, grid.unit)
         return grid.volume(samples, "coordinates", **about)
-    spacing, origin = _grid(multiscale, node.path.rsplit("/", 1)[-1], names)
+    spacing, origin = _grid(multiscale, _plain(node.path[len(group.path) :]), names)
     return Volume(samples, spacing, origin, unit=_unit(multiscale)[0])
 
 
@@ -496,8 +448,16 @@ def _metadata(group: Any) -> Mapping[str, Any]:
 
 
 def _multiscale(group: Any) -> Multiscale | None:
+    """The metadata of a group's image, in which paths of levels are plain; None without an image."""
     images = _metadata(group).get("multiscales")
-    return images[0] if images else None
+    if not images:
+        return None
+    return images[0] | {"datasets": [entry | {"path": _plain(entry["path"])} for entry in images[0]["datasets"]]}
+
+
+def _plain(path: str) -> str:
+    """The names that lead to a node, joined by slashes."""
+    return "/".join(step for step in path.split("/") if step not in ("", "."))
 
 
 def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOptions) -> Any:
@@ -519,7 +479,7 @@ def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOption
         name = names[0]
     node = group.get(name) if name is not None else None
     if not isinstance(node, zarr.Array):
-        names = names or [image.path[len(group.path) :].strip("/") for image in _find_images(group)]
+        names = names or [_plain(image.path[len(group.path) :]) for image in _find_images(group)]
         if not names:
             held = list_names([key for key, _ in _children(group)]) or "nothing"
             raise expected("store", "an array of three axes in one of its groups", held, "check the path")
@@ -546,9 +506,11 @@ def _index(shape: Sequence[int], names: list[str], options: LoadOptions) -> tupl
 
 
 def _grid(multiscale: Multiscale, level: str, names: list[str]) -> tuple[Triple, Triple]:
-    """Spacing and origin (x, y, z) in the unit of x: the level's scale and translation, then the whole image's."""
+    """Spacing and origin (x, y, z) in the unit of x: the level's scale and translation, then the whole image's. level:
+    the path of its array below the image's group.
+    """
     scale, origin = np.ones(len(names)), np.zeros(len(names))
-    datasets = [entry for entry in multiscale["datasets"] if entry["path"].rsplit("/", 1)[-1] == level]
+    datasets = [entry for entry in multiscale["datasets"] if entry["path"] == level]
     for owner in (*datasets[:1], multiscale):
         for step in owner.get("coordinateTransformations", ()):
             kind = step.get("type")

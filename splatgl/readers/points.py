@@ -21,13 +21,14 @@ from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_memory
 from splatgl.readers.common import MAX_BYTES, decoder_errors, read_text, require_bytes, require_plausible
 from splatgl.readers.options import LoadOptions
+from splatgl.readers.ply import HEADER, read_ply
 
 # bytes of the header of a record of variable length in LAS
 VLR = 54
 # number of the record that describes how points are compressed
 LASZIP = 22204
-# most bytes of a header in text, and most points of a chunk of LAS
-HEADER, CHUNK = 2**16, 2**20
+# most points of a chunk of LAS
+CHUNK = 2**20
 # bytes in memory of a point: places, colours, a value
 POINT_BYTES = 48
 # share of the values at either end that a colour map leaves out
@@ -43,11 +44,6 @@ BYTE = 255
 HARMONIC = 0.28209479177387814
 
 Values = Mapping[str, np.ndarray]
-_PLY_TYPES = {
-    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
-    **{"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"},
-    **{"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"},
-}
 _COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 
 
@@ -333,37 +329,11 @@ def _pcd_header(file: BinaryIO) -> dict[str, str]:
 
 
 def _read_ply(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
-    """PLY, text and binary in both byte orders: the element vertex, which stands first but for others without lists."""
+    """The element vertex of a PLY file without faces."""
     with path.open("rb") as file:
-        text = file.read(HEADER).partition(b"end_header")[0].decode("ascii", "replace")
-        file.seek(len(text))
-        file.readline()
-        form = re.search(r"(?m)^format (ascii|binary_little_endian|binary_big_endian) ", text)
-        if not text.startswith("ply") or form is None:
-            raise expected("header", "a PLY header with a format", repr(text[:16]))
-        if _has_faces(text):
+        if _has_faces(file.read(HEADER).partition(b"end_header")[0].decode("ascii", "replace")):
             raise expected("PLY", "points without faces", "faces, or none", "sg.load_mesh and --mesh read surfaces")
-        order, there = ">" if "big" in form[1] else "<", path.stat().st_size
-        for element in re.split(r"(?m)^element ", text)[1:]:
-            name, count = element.split()[0], int(element.split()[1])
-            rows = re.findall(r"(?m)^property (\w+) (.+?)\s*$", element)
-            if any(kind not in _PLY_TYPES for kind, _ in rows):
-                raise expected(f"element {name}", "numbers before the points", "lists", "put the element vertex first")
-            dtype = np.dtype([(label, order + _PLY_TYPES[kind]) for kind, label in rows])
-            require_memory(count * (dtype.itemsize + POINT_BYTES), there, "thin it out", "points")
-            columns: dict[str, np.ndarray]
-            if form[1] == "ascii":
-                lines = b"".join(file.readline(HEADER) for _ in range(min(count, there)))
-                table = read_text(io.BytesIO(lines), np.dtype(np.float64), (count, len(rows)), len(lines))
-                columns = {label: table[:, n].astype(_PLY_TYPES[kind]) for n, (kind, label) in enumerate(rows)}
-            else:
-                require_bytes(count * dtype.itemsize, there - file.tell())
-                records = np.frombuffer(file.read(count * dtype.itemsize), dtype)
-                columns = {label: records[label] for _, label in rows}
-            if name == "vertex":
-                break
-        else:
-            raise expected("elements", "vertex", "none")
+    columns = dict(read_ply(path, last="vertex")["vertex"].columns)
     if not {"x", "y", "z"} <= set(columns):
         raise expected("vertex", "properties x, y and z", ", ".join(columns))
     places = np.stack([columns.pop(axis).astype(np.float64) for axis in "xyz"], axis=1)

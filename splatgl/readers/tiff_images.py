@@ -11,9 +11,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from splatgl.data.affine import METRES, unit_name
+from splatgl.data.affine import METRES, seconds_in, unit_name
 from splatgl.errors import expected, list_names
-from splatgl.readers.channels import SECONDS, Channel, ChannelSet, hex_color, parse_window
+from splatgl.readers.channels import Channel, ChannelSet, hex_color, parse_window
 from splatgl.readers.common import parse_number
 from splatgl.readers.heightmap import DEGREE, Survey
 from splatgl.readers.imagej import Calibration
@@ -46,7 +46,7 @@ def _ome_channels(pixels: Element, count: int, times: int) -> ChannelSet:
     channels = [Channel(node.get("Name") or str(n), _ome_color(node.get("Color"))) for n, node in enumerate(nodes)]
     channels += [Channel(str(n)) for n in range(len(channels), count)]
     together = count > 1 and any(channel.color for channel in channels)
-    step = _positive_number(pixels.get("TimeIncrement")) * SECONDS.get(pixels.get("TimeIncrementUnit", "s"), 0.0)
+    step = _positive_number(pixels.get("TimeIncrement")) * (seconds_in(pixels.get("TimeIncrementUnit", "s")) or 0.0)
     return ChannelSet(tuple(channels), together, times, step or None)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from splatgl.data.affine import Coordinate, make_lattice, volume_on_grid
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import Choice, expected, list_names
-from splatgl.fileio import byte_count
+from splatgl.fileio import byte_count, decode_text
 from splatgl.readers.channels import COLOR_NOTE, VECTOR_NOTE, is_color_rule, is_vector_rule, split_components
 from splatgl.readers.common import (
     Shape,
@@ -182,7 +182,7 @@ class _Parser:
         """The words of the next line that is not blank; [] at the end of the file."""
         while line := self.file.readline(_LINE_LIMIT):
             if line.strip():
-                return line.decode("latin-1").split()
+                return decode_text(line).split()
         return []
 
     def values(self, count: int, type_name: str) -> Callable[[], np.ndarray]:

@@ -494,7 +494,9 @@ class SceneFile:
 
     def _with_kind(self, volume: Volume) -> Volume:
         """Returns the volume as labels or amounts; options of the transfer function decide, too."""
-        if self.transfer.keys() & {"preset", "only_labels"}:
+        if "only_labels" in self.transfer:
+            return volume.rounded() or volume
+        if "preset" in self.transfer:
             return volume
         marked = mark_kind(volume)
         if self.surfaces is not None and marked.hints.values == MASK:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 # units of length of microscopes
-UNITS = ("um", "µm", "nm", "Å")
+UNITS = ("um", "nm", "Å")
 # a flat stack is less deep than this share of its width and height
 FLAT = 0.5
 NOTE = "a flat stack is seen along z, x to the right and y down: --elevation 45 tilts it"

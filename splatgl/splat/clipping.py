@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from splatgl.data.affine import metres_in
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.splat.grid import corners_of
@@ -127,9 +128,7 @@ CONDITION = "a condition such as x>0.3, x+y<1.2, z>=30mm, or X,Y,Z:NX,NY,NZ, a p
 NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?"
 # compiled where they are used: that takes longer than most modules
 TERM = rf"([+-]?)({NUMBER})?\*?([xyz])"
-COMPARED = rf"(.+?)(>=?|<=?)([+-]?{NUMBER})([a-zµμ]*)"
-# metres; a volume's unit may also have another name, or none
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}
+COMPARED = rf"(.+?)(>=?|<=?)([+-]?{NUMBER})([^\W\d_]*)"
 ANY_UNIT = "units"
 # share of a box's sides beyond which a corner lies outside, for rounding
 SLACK = 1e-9
@@ -278,6 +277,7 @@ def world_units(unit: str, volume_unit: str, text: str, what: str = "clip") -> f
     """World units per `unit`. Raises InputError, naming `what`, for one that the volume's does not convert to."""
     if unit in (volume_unit, ANY_UNIT):
         return 1.0
-    if unit not in LENGTHS or volume_unit not in LENGTHS:
+    metres, world = metres_in(unit), metres_in(volume_unit)
+    if metres is None or world is None:
         raise InputError(f"{what}: expected a length in {volume_unit or ANY_UNIT}, got {text!r}")
-    return LENGTHS[unit] / LENGTHS[volume_unit]
+    return metres / world

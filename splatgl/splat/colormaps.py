@@ -13,7 +13,7 @@ import numpy as np
 
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.mesh import Mesh
-from splatgl.data.volume import Label, Volume
+from splatgl.data.volume import Label, Volume, fraction_error
 from splatgl.errors import expected, missing_extra
 
 ENTRIES = 256
@@ -230,7 +230,7 @@ def labels_of(volume: Volume) -> tuple[Label, ...]:
         if present.dtype.kind == "f":
             present = present[np.isfinite(present)]
             if (present != np.rint(present)).any():
-                raise expected(volume.name or "labels", "whole numbers", volume.samples.dtype.name)
+                raise fraction_error(volume)
         numbers = np.union1d(numbers, present)
         if len(numbers) > MOST_LABELS:
             raise expected(volume.name or "labels", f"at most {MOST_LABELS} labels", "more", "is it a segmentation?")
@@ -239,10 +239,13 @@ def labels_of(volume: Volume) -> tuple[Label, ...]:
 
 def select_labels(labels: Sequence[Label], only: Sequence[tuple[int, float]] | None = None) -> LabelStyles:
     """Colours and opacities of labels. only: (number, opacity factor) of the labels to show, hidden ones too; None: all
-    that are not hidden. Raises InputError for unknown numbers.
+    that are not hidden. Of labels of one number, in layers that overlap, the first counts. Raises InputError for
+    unknown numbers.
     """
-    table = {label.number: label for label in labels}
-    chosen = [(label.number, float(not label.hidden)) for label in labels] if only is None else list(only)
+    table: dict[int, Label] = {}
+    for label in labels:
+        table.setdefault(label.number, label)
+    chosen = [(label.number, float(not label.hidden)) for label in table.values()] if only is None else list(only)
     for number, _ in chosen:
         if number not in table:
             known = [str(label.number) for label in labels[:20]]

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.readers.common import has_whole_numbers
 from splatgl.splat.grid import distinct
 
+# largest distance from whole numbers of values that are taken for them: scaled integers are off by half the scale
+ROUNDING = 0.02
 # planes that are read in a row, how often, and how many voxels of them are examined
 THREE, TIMES, PLACES = 3, 8, 1 << 17
 # least number of neighbours not both of the most frequent value; with fewer, slabs are read until there are MORE
@@ -67,11 +68,12 @@ class Neighbours:
         return self.flat and self.jumps >= least and self.between <= most * (1 - self.alike)
 
 
-def kind_of(volume: Volume) -> tuple[str, Neighbours | None]:
+def kind_of(volume: Volume, most: float = 0.0) -> tuple[str, Neighbours | None]:
     """LABELS, MASK (two values, one of them a segment) or AMOUNTS; and the measured shares, None unless the values are
-    whole numbers without a unit. Flat areas without jumps are labels if the volume's name says so.
+    whole numbers without a unit, or at most so far off. Flat areas without jumps are labels if the volume's name says
+    so.
     """
-    triples = None if volume.value_unit else _whole_triples(volume)
+    triples = None if volume.value_unit else _whole_triples(volume, most)
     if triples is None:
         return AMOUNTS, None
     shares = compare_neighbours(triples)
@@ -87,7 +89,11 @@ def mark_kind(volume: Volume) -> Volume:
     decided_before = volume.labels is not None or hints.values or volume.color is not None or volume.channels
     if decided_before or hints.points or hints.preset or hints.window or hints.color:
         return volume
-    kind, shares = kind_of(volume)
+    kind, shares = kind_of(volume, ROUNDING)
+    if kind != AMOUNTS:
+        # numbers off by the rounding of a file's scale
+        rounded = volume.rounded(ROUNDING)
+        kind, volume = (AMOUNTS, volume) if rounded is None else (kind, rounded)
     if kind == LABELS:
         note = "whole numbers in flat areas are drawn as labels: --values amounts draws them as amounts"
         return replace(volume, labels=(), notes=(*volume.notes, note))
@@ -135,22 +141,31 @@ def _ranks(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return different, places.reshape(values.shape)
 
 
-def _whole_triples(volume: Volume) -> list[np.ndarray] | None:
-    """Finite values [3, N] of three voxels in a row, along each axis; None unless they are whole numbers."""
+def _round(values: np.ndarray, most: float) -> np.ndarray | None:
+    """Whole numbers in place of finite values that are at most so far off; None if one is farther off."""
+    if values.dtype.kind != "f":
+        return values
+    rounded = np.rint(values)
+    finite = np.isfinite(values)
+    return rounded if (np.abs(values - rounded)[finite] <= most).all() else None
+
+
+def _whole_triples(volume: Volume, most: float) -> list[np.ndarray] | None:
+    """Finite values [3, N] of three voxels in a row, along each axis, rounded; None if one is farther off than most."""
     finest = next((level for level in (volume, *volume.coarser) if level.count <= MOST), volume)
     depth, height, width = finest.shape
     starts = distinct(np.linspace(0, max(depth - THREE, 0), TIMES if finest.count > PLACES else depth).astype(int))
     step = max(1, int(np.ceil(np.sqrt(len(starts) * height * width / PLACES))))
     by_axis: list[list[np.ndarray]] = [[], [], []]
     for start in starts:
-        block = np.asarray(finest.samples[int(start) : int(start) + THREE])
-        if not has_whole_numbers(block):
+        block = _round(np.asarray(finest.samples[int(start) : int(start) + THREE]), most)
+        if block is None:
             return None
         for axis, rows in enumerate(_rows(block, step)):
             by_axis[axis].append(rows)
     triples = [np.concatenate(rows, axis=1) for rows in by_axis]
     if finest.count <= MOST and _count_informative(triples) < ENOUGH:
-        triples = _add_triples(finest, triples)
+        triples = _add_triples(finest, triples, most)
     return [rows[:, np.isfinite(rows).all(axis=0)] for rows in triples]
 
 
@@ -182,15 +197,15 @@ def _count_informative(triples: list[np.ndarray]) -> int:
     return int(np.count_nonzero((values[0] != ground) | (values[1] != ground)))
 
 
-def _add_triples(volume: Volume, triples: list[np.ndarray]) -> list[np.ndarray]:
+def _add_triples(volume: Volume, triples: list[np.ndarray], most: float) -> list[np.ndarray]:
     """Adds triples of a sparse volume, from slabs that hold other values than the most frequent one."""
     ground = np.median(triples[2][1]) if triples[2].size else 0
     by_axis = [[rows] for rows in triples]
     count = 0
     for slab in volume.slabs(SLAB, halo=0):
-        block = np.asarray(slab.samples)
-        other = np.argwhere(block != ground)
-        if not len(other) or not has_whole_numbers(block):
+        block = _round(np.asarray(slab.samples), most)
+        other = np.empty((0, 3), int) if block is None else np.argwhere(block != ground)
+        if block is None or not len(other):
             continue
         low, high = np.maximum(other.min(axis=0) - 1, 0), other.max(axis=0) + 2
         block = block[tuple(map(slice, low, high))]

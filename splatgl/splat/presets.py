@@ -246,7 +246,7 @@ BONE_FROM = 300.0
 # smallest shares of a CT's values that are air, and bone
 AIR_SHARE, BONE_SHARE = 0.02, 0.003
 # units of length of scanners and microscopes
-OF_OBJECTS = ("mm", "um", "µm", "nm", "Å")
+OF_OBJECTS = ("mm", "um", "nm", "Å")
 # share of distinct values in computed data; of more than MANY values only every EVERY-th is compared
 MANY, EVERY, DIFFERENT = 4096, 16, 0.5
 # second over first differences of neighbours below which a field is smooth: simulations 0.1 to 1.1, scanners 1.2 to 2

@@ -34,7 +34,7 @@ UPRIGHT = 0.7
 MOST_SLICES = 1024
 FORM = "AXIS=PLACE, such as z=120, z=50%, z=30mm, axial or z=10:90:8, or X,Y,Z:NX,NY,NZ, a point and a normal"
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?"
-PLACE = rf"({NUMBER})(%|[a-zµμ]*)"
+PLACE = rf"({NUMBER})(%|[^\W\d_]*)"
 # between a plane and its opacity
 AT = "@"
 

@@ -36,7 +36,7 @@ def load_transfer(path: str | Path, spacing: float) -> Transfer:
     if read is None:
         return Transfer.load(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: expected a transfer function, got {error}") from error
     try:

@@ -412,7 +412,9 @@ def _channels(
         style = LayerStyle(channel.seen, source.threshold, 1.0, opacity, source.visible)
         style = style_with_segments(style, channel.volume, source.transfer)
         # the first has what is known of the file: its view and time points
-        samples = replace(volume, channels=()) if number == 0 < len(volume.channels) - 1 else channel.volume
+        samples = channel.volume
+        if number == 0 < len(volume.channels) - 1:
+            samples = replace(volume, channels=(), labels=samples.labels)
         shown = Layer(samples, style.stated, threshold=source.threshold, clip=channel.clip, uncut=channel.uncut)
         for part in shown.parts():
             layer = LayerSplats.of_layer(name, scene, part)

@@ -328,3 +328,23 @@ def test_colours_are_bytes() -> None:
     """Other numbers are no places in the table of sRGB."""
     with pytest.raises(sg.InputError, match="color: expected uint8"):
         sg.Volume(np.zeros((2, 2, 2), np.float32), color=np.zeros((2, 2, 2, 3), np.float32))
+
+
+@pytest.mark.parametrize("names", [("lat", "lon"), ("nav_lat", "nav_lon"), ("a", "b")])
+def test_coordinates_in_two_dimensions_are_told(names: tuple[str, str], tmp_path: Path) -> None:
+    """Curved grids are drawn by numbers of samples, in memory, in Zarr and in HDF5, with the same note."""
+    xr = pytest.importorskip("xarray")
+    lat, lon = np.meshgrid(np.linspace(40, 50, 6), np.linspace(0, 9, 7), indexing="ij")
+    about = [{"standard_name": "latitude"}, {"standard_name": "longitude"}] if names == ("a", "b") else [{}, {}]
+    coords = {
+        name: (("eta", "xi"), values, attrs) for name, values, attrs in zip(names, (lat, lon), about, strict=True)
+    }
+    data = xr.DataArray(np.random.default_rng(1).random((5, 6, 7)), dims=("z", "eta", "xi"), coords=coords, name="u")
+    note = f"x and y are numbers of samples: coordinates in two dimensions ({', '.join(names)}) are not used"
+    assert sg.Volume.of(data).notes == (note,)
+    assert sg.Volume.of(data, spacing=(1, 1, 1)).notes == ()
+    assert note not in sg.Volume.of(data.assign_coords(eta=np.arange(6.0), xi=np.arange(7.0))).notes
+    if names != ("a", "b"):
+        pytest.importorskip("zarr")
+        data.to_dataset().rename(eta="y", xi="x").to_zarr(tmp_path / "a.zarr")
+        assert note in sg.load(tmp_path / "a.zarr", array="u").notes

@@ -408,3 +408,45 @@ def test_memory(tmp_path: Path) -> None:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert volume.samples.nbytes < peak < 1.2 * volume.samples.nbytes
+
+
+@pytest.mark.parametrize("form", ["US", "OW"])
+@pytest.mark.parametrize(("bits", "wide"), [(8, False), (8, True), (16, True)])
+def test_modality_tables_of_8_bits(tmp_path: Path, bits: int, wide: bool, form: str) -> None:
+    """Entries of 8 bits lie in bytes, two in each number of 16 bits, an odd number of them padded, or in one each as
+    those of 16 bits, which is how pydicom reads them.
+    """
+    import pydicom
+    from pydicom.dataset import Dataset
+    from pydicom.pixels.processing import apply_modality_lut
+
+    data = np.array([7, 5, 200, 20, 9], np.uint16 if wide else np.uint8).tobytes() + bytes(not wide)
+    table = Dataset()
+    table.add_new((0x0028, 0x3002), "US", [5, 10, bits])
+    table.add_new((0x0028, 0x3006), form, data if form == "OW" else np.frombuffer(data, "<u2").tolist())
+    stored = np.array([[9, 10, 11], [12, 13, 14]], np.uint16)
+    volume = one(tmp_path, stored, ModalityLUTSequence=[table])
+    np.testing.assert_array_equal(volume.samples[0], [[7, 7, 5], [200, 20, 9]])
+    if wide:
+        right = apply_modality_lut(stored, pydicom.dcmread(tmp_path / "one.dcm"))
+        np.testing.assert_array_equal(volume.samples[0], right)
+
+
+@pytest.mark.parametrize("positions", [True, False])
+def test_pixels_of_an_aspect_without_a_size(tmp_path: Path, positions: bool) -> None:
+    """Pixels are as high as PixelAspectRatio says, with a note; PixelSpacing counts where it is stated."""
+    for n in range(3):
+        data = image(np.arange(12, dtype=np.int16).reshape(3, 4), 2.0 * n)
+        del data.PixelSpacing
+        if not positions:
+            del data.ImagePositionPatient, data.ImageOrientationPatient
+        data.InstanceNumber, data.PixelAspectRatio = n + 1, [3, 2]
+        save(data, tmp_path / f"{n}.dcm")
+    volume = sg.load(tmp_path)
+    assert volume.spacing[:2] == (1.0, 1.5)
+    assert "pixels are 1.5 times as high as wide, by PixelAspectRatio" in volume.notes
+    (tmp_path / "b").mkdir()
+    sized = one(tmp_path / "b", np.zeros((2, 3), np.int16), PixelAspectRatio=[3, 2])
+    assert sized.spacing == one(tmp_path, np.zeros((2, 3), np.int16)).spacing and not any(
+        "PixelAspectRatio" in note for note in sized.notes
+    )

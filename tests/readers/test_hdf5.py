@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
+import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.readers import hdf5_files, hdf5_parts, load
@@ -153,10 +155,62 @@ def test_data_in_other_files_are_read_where_that_is_allowed(tmp_path: Path, kind
     np.testing.assert_array_equal(load(path, array="/a", anywhere=True).samples, F)
 
 
-def test_filters_without_a_bound_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["scaleoffset", "szip"])
+def test_filters_that_come_with_hdf5(tmp_path: Path, name: str) -> None:
+    if name == "szip" and not h5py.h5z.filter_avail(h5py.h5z.FILTER_SZIP):
+        pytest.skip("this build of HDF5 has no szip")
+    options: dict[str, Any] = {"scaleoffset": 0} if name == "scaleoffset" else {"compression": name, "fletcher32": True}
+    path = save(tmp_path / "a.h5", data=F.astype("i4"), chunks=F.shape, **options)
+    np.testing.assert_array_equal(load(path).samples, F.astype("i4"))
+
+
+def test_a_filter_whose_result_is_larger_than_a_chunk(tmp_path: Path) -> None:
+    """Scaleoffset allocates the numbers that its parameters state, which are those of a chunk."""
     path = save(tmp_path / "a.h5", data=F.astype("i4"), chunks=F.shape, scaleoffset=8)
-    with pytest.raises(InputError, match=r"filters: expected only gzip, shuffle.* got 6; repack it with: h5repack"):
+    stated = struct.pack("<5I", 2, 8, F.size, 0, 4)
+    assert path.read_bytes().count(stated) == 1
+    path.write_bytes(path.read_bytes().replace(stated, struct.pack("<5I", 2, 8, 2**30, 0, 4)))
+    with pytest.raises(InputError, match="scaleoffset: expected the chunk's size, got"):
         load(path)
+
+
+@pytest.mark.parametrize("filters", [{32008: "bitshuffle"}, {2: "shuffle", 32015: "zstd"}, {305: "lzo"}, {60000: ""}])
+def test_filters_that_are_not_there_are_named(
+    tmp_path: Path, filters: dict[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of hdf5plugin with the way to get it."""
+    there = h5py.h5z.filter_avail
+    monkeypatch.setattr(h5py.h5z, "filter_avail", lambda code: code < 305 and there(code))
+    plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    plist.set_chunk(F.shape)
+    for code in filters:
+        plist.set_filter(code, h5py.h5z.FLAG_OPTIONAL, ())
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        h5py.h5d.create(file.id, b"a", h5py.h5t.NATIVE_FLOAT, h5py.h5s.create_simple(F.shape), plist)
+    code, name = list(filters.items())[-1]
+    fix = r"install hdf5plugin: pip install 'splatgl\[hdf5-filters\]'; or " * (code > 32000 and bool(name))
+    with pytest.raises(InputError, match=rf"filters: expected gzip, .*, got {name} ?\({code}\); {fix}repack it with"):
+        load(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5") as file, pytest.raises(InputError, match=rf"filters: .* got {name} ?\({code}\)"):
+        sg.Volume.of(file["a"])
+
+
+@pytest.mark.parametrize("name", ["Bitshuffle", "Blosc", "Blosc2", "BZip2", "LZ4", "Zstd"])
+def test_filters_of_hdf5plugin(tmp_path: Path, name: str) -> None:
+    plugin = pytest.importorskip("hdf5plugin")
+    path = save(tmp_path / "a.h5", data=F.astype("i4"), chunks=F.shape, compression=getattr(plugin, name)())
+    np.testing.assert_array_equal(load(path).samples, F.astype("i4"))
+    if name in ("Bitshuffle", "Blosc", "LZ4"):
+        # the size in the first bytes of the chunk
+        with h5py.File(path) as file:
+            start = file["g/letter"].id.get_chunk_info(0).byte_offset
+        data = bytearray(path.read_bytes())
+        data[start : start + 8] = (
+            data[start : start + 4] + bytes([255] * 4) if name == "Blosc" else bytes([0, 0, 0, 127] * 2)
+        )
+        path.write_bytes(data)
+        with pytest.raises(InputError, match=r"chunk: expected \d+ bytes, got more"):
+            load(path)
 
 
 def test_files_on_which_the_library_fails_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

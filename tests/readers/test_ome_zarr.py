@@ -254,3 +254,36 @@ def test_units_of_ome_zarr_that_differ(tmp_path: Path) -> None:
     volume = load(tmp_path / "a.zarr")
     assert volume.unit == "um" and volume.spacing == pytest.approx((0.5, 0.25, 0.5))
     assert volume.origin == pytest.approx((4, 3, 1))
+
+
+@pytest.mark.parametrize("paths", [("scale0/image", "scale1/image"), ("0/a", "1/a"), ("./0", "1/"), ("s/0", "t/0")])
+@pytest.mark.parametrize("below", ["", "series/0"])
+def test_levels_at_any_path(tmp_path: Path, paths: tuple[str, str], below: str) -> None:
+    """Each level has the grid of its own entry, wherever its array lies, and whether it is named or numbered."""
+    group = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=2)
+    group = group.create_group(below) if below else group
+    entries = []
+    for n, path in enumerate(paths):
+        steps = [2.0, 0.5 * 2**n, 0.5 * 2**n]
+        moved = [{"type": "scale", "scale": steps}, {"type": "translation", "translation": [7.0, 0.25 * n, 0.25 * n]}]
+        entries.append({"path": path, "coordinateTransformations": moved})
+        group.create_array(path.removeprefix("./").strip("/"), data=SAMPLES[:, :: 2**n, :: 2**n])
+    group.attrs["multiscales"] = [{"axes": AXES[2:], "datasets": entries}]
+    volume = load(tmp_path / "a.zarr")
+    named = [load(tmp_path / "a.zarr", array=f"{below}/{path}".strip("/")) for path in paths]
+    for n, levels in enumerate(zip((volume, *volume.coarser), named, strict=True)):
+        numbered = load(tmp_path / "a.zarr", level=n)
+        for level in (*levels, numbered):
+            assert level.spacing == (0.5 * 2**n, 0.5 * 2**n, 2.0) and level.unit == "um"
+            assert level.origin == (0.25 * n, 0.25 * n, 7.0) and level.shape == (8, 16 // 2**n, 24 // 2**n)
+
+
+def test_levels_of_labels_beside_an_image(tmp_path: Path) -> None:
+    """A level of labels that is named has the labels' grid, not that of the image's level of that name."""
+    root = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=2)
+    image(root)
+    labels = root.create_group("labels/cells")
+    steps = [{"type": "scale", "scale": [4.0, 1.0, 1.0]}]
+    labels.attrs["multiscales"] = [{"axes": AXES[2:], "datasets": [{"path": "0", "coordinateTransformations": steps}]}]
+    labels.create_array("0", data=(SAMPLES[::2, ::2, ::2] > 150).astype(np.uint8))
+    assert load(tmp_path / "a.zarr", array="labels/cells/0").spacing == (1.0, 1.0, 4.0)

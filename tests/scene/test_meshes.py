@@ -326,7 +326,7 @@ def test_tracks(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.ply", b"ply\nformat", "a mesh"),
+        ("a.ply", b"ply\nformat", "header: expected a PLY header with a format"),
         ("a.stl", b"\0" * 90, "a mesh|at least one triangle"),
         ("a.obj", b"hello", "a mesh|at least one triangle"),
         ("a.vtp", b"<VTKFile type='ImageData'></VTKFile>", "type: expected a VTKFile of PolyData"),

@@ -209,3 +209,56 @@ def test_options_of_amounts_draw_amounts(tmp_path: Path) -> None:
     (tmp_path / "a.off").write_text(cube)
     with pytest.raises(sg.InputError, match="options: expected none of volumes for a mesh, got spacing"):
         SceneFile(str(tmp_path / "a.off"), {"spacing": (1, 1, 1)}).open()
+
+
+def nearly(kind: str) -> tuple[np.ndarray, dict[str, Any]]:
+    """Numbers of cells as programs store an atlas, and fields of NIfTI's header."""
+    whole, noise = nearest(5).astype(float), np.random.default_rng(1).normal(size=nearest(5).shape)
+    kinds: dict[str, tuple[np.ndarray, dict[str, Any]]] = {
+        "float32": ((whole * (1 + 1e-7 * noise)).astype(np.float32), {}),
+        "float64": (whole / 3 * 3.0000000001, {}),
+        "resampled": ((whole + 1e-4 * noise).astype(np.float32), {}),
+        "scaled": (np.rint(whole * 32767 / 900).astype(np.int16), {"scl_slope": 900 / 32767}),
+        "thirds": ((whole * 3).astype(np.int32), {"scl_slope": 1 / 3, "scl_inter": 0}),
+        "shifted": ((whole * 10 - 7).astype(np.int16), {"scl_slope": 0.1, "scl_inter": 0.7}),
+    }
+    return kinds[kind]
+
+
+@pytest.mark.parametrize("intent", [0, 1002])
+@pytest.mark.parametrize("kind", ["float32", "float64", "resampled", "scaled", "thirds", "shifted"])
+def test_atlases_that_are_whole_but_for_rounding(kind: str, intent: int, tmp_path: Path) -> None:
+    """Each voxel is drawn by its number, by itself, as labels that are asked for, and as a mask."""
+    nibabel = pytest.importorskip("nibabel")
+    stored, fields = nearly(kind)
+    header = nibabel.Nifti1Header()
+    header.set_data_shape(stored.shape[::-1])
+    header.set_data_dtype(stored.dtype)
+    for name, value in {"scl_slope": 1, "scl_inter": 0, "intent_code": intent, "sform_code": 1, **fields}.items():
+        header[name] = value
+    header["srow_x"], header["srow_y"], header["srow_z"] = np.eye(4, dtype=np.float32)[:3]
+    header["vox_offset"], header["magic"] = 352, b"n+1"
+    (tmp_path / "a.nii").write_bytes(header.binaryblock + bytes(4) + stored.tobytes())
+    right = np.rint(nibabel.load(tmp_path / "a.nii").get_fdata().T)
+    assert (right == nearest(5)).all()
+    by_itself = SceneFile(str(tmp_path / "a.nii")).open()
+    asked = SceneFile(str(tmp_path / "a.nii"), transfer={"only_labels": ()}).open()
+    stated = sg.load(tmp_path / "a.nii", values="labels")
+    for volume in (by_itself, asked, stated):
+        assert (np.asarray(volume.samples) == right).all()
+    assert by_itself.labels == stated.labels == ()
+    assert (sg.load(tmp_path / "a.nii").labels == ()) == (intent == 1002)
+    number = int(right.max())
+    numbers = [label for label, _, _ in sg.default_transfer(by_itself).labels]
+    assert numbers == [n for n in np.unique(right).astype(int).tolist() if n]
+    kept = sg.Volume(np.ones(right.shape)).masked(sg.load(tmp_path / "a.nii"), (number,))
+    assert (kept.kept((0, 0, 0), right.shape) == (right == number)).mean() > 0.99
+
+
+def test_fractions_are_told_by_their_values(tmp_path: Path) -> None:
+    """Neither the type nor whole numbers are blamed."""
+    np.save(tmp_path / "a.npy", np.linspace(0, 1, 480, dtype=np.float32).reshape(6, 8, 10))
+    with pytest.raises(sg.InputError, match=r"whole numbers, each of a segment, got values such as 0\.4\d+"):
+        sg.load(tmp_path / "a.npy", values="labels")
+    small = sg.Volume(np.random.default_rng(1).random((8, 8, 8)).astype(np.float32) * 0.01)
+    assert kind_of(small, 0.02)[0] == AMOUNTS and mark_kind(small).samples is small.samples
