@@ -335,6 +335,12 @@ def refuse_unknown(what: str, names: Iterable[str], known: Iterable[str], this: 
         raise expected(what, this or f"keys {', '.join(known)}", ", ".join(unknown), fix)
 
 
+def no_effect(names: Iterable[str], why: str) -> list[str]:
+    """A note on options without effect, in a list; [] without names."""
+    listed = ", ".join(names)
+    return [f"{listed}: no effect, as {why}"] if listed else []
+
+
 # options and commands, with a value where one is meant, and the words for them in 3D Slicer, ParaView, PyVista, VTK,
 # napari, Fiji and F3D; of several options for a word, the first that is there
 MEANINGS = {

@@ -310,6 +310,8 @@ def _track(scene: OpenScene, subject: Bounded, timeline: Timeline, series: int) 
     count = timeline.frames or (series * timeline.hold if series else FRAMES)
     if timeline.keyframes:
         track = keyframes(timeline.keyframes, view, volume, subject)
+        if not scene.is_quiet:
+            _tell_size(track.camera(0), replace(track, subject=subject).camera(0), subject, series > 1)
         return track, timeline.frames or track.last + 1
     axis = None if timeline.axis is None else np.array(timeline.axis)
     turns = turning(view, volume, subject, timeline.degrees(count, series > 1), axis)

@@ -27,7 +27,7 @@ from splatgl.cli.output import check_outputs, ground_of, output_of, report
 from splatgl.data.image import Image, save_map
 from splatgl.errors import expected
 from splatgl.options import Group, declared, names_of
-from splatgl.scene.draw import HALF, OF_BLENDS, DrawOptions, WorkerOptions, depths, draw, finish, progress_bar
+from splatgl.scene.draw import HALF, OF_BLENDS, DrawOptions, WorkerOptions, depths_of, draw, finish, progress_bar
 from splatgl.scene.meshes import is_mesh
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
@@ -49,7 +49,8 @@ def depth_at(text: str) -> float | str:
 def write_depths(scene: OpenScene, path: str, at: float | str | None) -> None:
     """Writes a depth map, and prints its range. at: as of `depths`."""
     started = time.perf_counter()
-    depth, camera, settings = depths(scene, at), scene.camera, scene.file.settings
+    camera, settings = scene.camera, replace(scene.file.settings, clip=())
+    depth = depths_of(scene.scene, camera, settings, at)
     share = OF_BLENDS.get(settings.blend, HALF) if at is None else at
     unit = scene.volume.unit or "units"
     info = {"version": __version__, "source": Path(scene.file.volume).name, "depth_at": share, "unit": unit}

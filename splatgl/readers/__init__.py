@@ -196,10 +196,10 @@ def _refuse_options(form: Format, options: LoadOptions) -> None:
     """Raises InputError for options that the format doesn't support."""
     if options.values == "heights" and "relief" not in form.takes:
         raise expected("values", f"labels or amounts for {form.title}", "heights")
-    refused = sorted(options.given - {"spacing", "values", *form.takes})
+    known = (*(() if "point_size" in form.takes else ("spacing", "values")), *form.takes)
+    refused = sorted(options.given - set(known))
     if refused:
-        known = ", ".join(("spacing", "values", *form.takes))
-        raise expected("options", f"some of {known} for {form.title}", ", ".join(refused))
+        raise expected("options", f"some of {', '.join(known)} for {form.title}", ", ".join(refused))
 
 
 ENDINGS = (".label", ".lbl", ".txt")

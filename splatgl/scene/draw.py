@@ -18,7 +18,7 @@ from splatgl.annotations.annotate import check_time
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, format_bytes, parse_bytes
-from splatgl.options import Group, Kind, check_options, declared, option
+from splatgl.options import Group, Kind, check_options, declared, no_effect, option
 from splatgl.platforms import BACKENDS
 from splatgl.scene.open_scene import PATIENCE, OpenScene, provenance_of
 from splatgl.scene.slice_sheet import draw_slices
@@ -213,13 +213,18 @@ def draw(scene: OpenScene, how: DrawOptions) -> Image:
     if image is None:
         with how.open_early() as opening:
             image = draw_subject(level.subject, level.camera, level.settings, opening)
+        if how.memory is not None and scene.is_single and (scene.file.threshold or level.splats.post is None):
+            why = "only values classified after reconstruction, without a threshold, are drawn in bricks"
+            image = image.with_notes(no_effect(["memory"], why))
     if not (image.info["splats"] or image.info.get("triangles")):
         raise level.nothing_visible()
     return finish(Image(image.pixels, {**image.info, **info}), scene)
 
 
 def finish(image: Image, scene: OpenScene) -> Image:
-    """Adds the provenance and the annotations of its scene to a picture."""
+    """Adds the provenance and the annotations of its scene to a picture; prints the notes on it."""
+    told = scene.scene.notes if not scene.is_single else ()
+    print_lines([note for note in image.notes if note not in told], scene.is_quiet)
     dpi = scene.file.view.dpi
     on_paper = {} if dpi is None else {"dpi": dpi}
     image = Image(image.pixels, {**image.info, **provenance_of(scene.file, scene.transfer), **on_paper})
@@ -266,10 +271,8 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
             print(f"{reason}: drawn in {len(bricks.low):,} bricks, nearest first")
         if how.explain:
             print(renderer.plan(bricks.whole, scene.camera, scene.settings).explain())
-        for note in () if scene.is_quiet else notes.get("notes", ()):
-            print(f"splatgl: {note}", file=sys.stderr)
         image = renderer.render_bricks(bricks, scene.camera, scene.settings, progress, bands=need.bands(bricks, most))
-    image = Image(image.pixels, {**image.info, **notes})
+    image = image.with_notes(notes)
     return check_bricks(image, bricks, scene.camera, scene.settings, how.check) if image.info["splats"] else image
 
 
@@ -293,6 +296,12 @@ def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, ho
     return image
 
 
+def print_lines(notes: Sequence[str], is_quiet: bool) -> None:
+    """Prints notes on standard error, unless it is to be quiet."""
+    for note in () if is_quiet else notes:
+        print(f"splatgl: {note}", file=sys.stderr)
+
+
 def annotate(image: Image, scene: OpenScene) -> Image:
     """Draws the annotations of its scene over a picture, on the background; prints why some are left out."""
     from splatgl.annotations.annotate import annotated, omission_notes, on_ground
@@ -300,9 +309,7 @@ def annotate(image: Image, scene: OpenScene) -> Image:
     color = scene.file.settings.background
     image = annotated(image, scene.annotated_subject, scene.transfer, scene.camera, scene.file.annotate, color)
     image = on_ground(image, None if BLENDS[scene.settings.blend].unbounded else color)
-    if not scene.is_quiet:
-        for note in omission_notes(image):
-            print(f"splatgl: {note}", file=sys.stderr)
+    print_lines(omission_notes(image), scene.is_quiet)
     return image
 
 
@@ -311,13 +318,11 @@ HALF = 0.5
 OF_BLENDS = {"mip": "max", "minip": "min"}
 
 
-def depths(scene: OpenScene, at: float | str | None) -> np.ndarray:
+def depths_of(scene: Scene, camera: Camera, settings: Settings, at: float | str | None) -> np.ndarray:
     """Depths float64 [H, W] of a scene. at: share of absorbed light, max or min; None: ½, or the value of the blend."""
-    from splatgl.reference import depth_map
+    from splatgl.reference.depth_map import depths
 
-    settings = scene.file.settings
-    share = OF_BLENDS.get(settings.blend, HALF) if at is None else at
-    return depth_map.depths(scene.scene, scene.camera, share, replace(settings, clip=()))
+    return depths(scene, camera, OF_BLENDS.get(settings.blend, HALF) if at is None else at, settings)
 
 
 # seconds between two lines of progress, and the share that is done or the seconds after which there is another

@@ -25,12 +25,19 @@ CHANNEL_KEYS = ("color_of", "window_of")
 AMOUNT_KEYS = frozenset(
     ("points", "curve", "colormap", "colors", "window", "level_width", "scale", "gradient", "iso", "regions", "file")
 )
+# keys of the colours of amounts, and of the segments of a segmentation
+COLOR_KEYS = ("colormap", "colors", "window", "level_width")
+LABEL_KEYS = ("only_labels", "name_of")
 # keys that state opacities
 STATED = frozenset(("preset", "file", "points", "curve", "regions", "only_labels"))
+# keys of the look that a preset or a file states
+LOOK_KEYS = ("points", "curve", *COLOR_KEYS, "scale", "shading")
 # keys that options replace
 REPLACES: dict[str, tuple[str, ...]] = {
     **{"curve": ("points",), "points": ("curve",), "colormap": ("colors",)},
     **{"colors": ("colormap", "window", "level_width"), "window": ("level_width",), "level_width": ("window",)},
+    "preset": ("file", *LOOK_KEYS),
+    "file": ("preset", "unit", *LOOK_KEYS),
 }
 # number of a label
 LABEL = Kind.whole(-(2**63), 2**63)

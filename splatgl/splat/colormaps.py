@@ -230,7 +230,8 @@ def labels_of(volume: Volume) -> tuple[Label, ...]:
         if present.dtype.kind == "f":
             present = present[np.isfinite(present)]
             if (present != np.rint(present)).any():
-                raise expected(volume.name or "labels", "whole numbers", volume.samples.dtype.name)
+                what = f"values of {volume.name or 'labels'}"
+                raise expected(what, "whole numbers, the names of segments", volume.samples.dtype.name)
         numbers = np.union1d(numbers, present)
         if len(numbers) > MOST_LABELS:
             raise expected(volume.name or "labels", f"at most {MOST_LABELS} labels", "more", "is it a segmentation?")
