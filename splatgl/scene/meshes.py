@@ -178,7 +178,8 @@ def clipped_meshes(source: str, meshes: tuple[MeshFile, ...], options: Mapping[s
     adds_source = is_mesh(source) and source not in [mesh.file for mesh in meshes]
     cut = [MeshFile(source)] * adds_source + [*meshes]
     if not cut:
-        raise expected("caps" if caps else "clip_meshes", "a mesh to cut", "none", "--mesh adds one")
+        name, this = ("caps", "a mesh to close") if caps else ("clip_meshes", "a mesh to cut")
+        raise expected(name, this, "none", "--mesh adds one")
     return tuple(replace(mesh, clip=True, caps=caps or mesh.caps) for mesh in cut)
 
 

@@ -360,7 +360,9 @@ class SceneFile:
             of_volumes = ("crop", "uncut", "threshold", "surfaces", *VECTORS)
             of_first = [*transfer, *(name for name in of_volumes if options.get(name))]
             is_clipped = any(mesh.clip for mesh in meshes)
-            of_all = [name for name in ("mask", "scissors", "clip") if options.get(name)] if not layers else []
+            # an array has no truth value
+            given = [name for name in ("mask", "scissors", "clip") if options.get(name) is not None]
+            of_all = [name for name in given if several(options[name])] if not layers else []
             refuse_volume_options(self.volume, of_first + [name for name in of_all if name != "clip" or not is_clipped])
         base = Settings.paper() if options.get("paper") else self.settings
         base = Settings.like(options["like"], **base.given) if options.get("like") else base
@@ -505,7 +507,8 @@ class SceneFile:
             own = ("colormap", "colors")
             notes += no_effect([name for name in own if name in stated], "each channel has its colour; see color_of")
         if not (self.clip or self.crop or self.settings.clip):
-            cut = [*["uncut"] * bool(self.uncut), *["clip_meshes"] * any(mesh.clip for mesh in self.meshes)]
+            of_meshes = ["caps" if mesh.caps else "clip_meshes" for mesh in self.meshes if mesh.clip]
+            cut = [*["uncut"] * bool(self.uncut), *dict.fromkeys(of_meshes)]
             notes += no_effect(cut, "neither clip nor crop cuts")
         return notes
 
