@@ -68,8 +68,9 @@ def depth_map(
     at: float | str | None = None,
     **options: Unpack[RenderKeywords],
 ) -> np.ndarray:
-    """Returns the eye-space depths of the picture that `render` draws with the same arguments: float64 [H, W], world
-    units along the view direction, of rays through pixel centres, row 0 on top; NaN where a ray meets no matter.
+    """Returns the eye-space depths of the picture that `render` draws with the same arguments, also of a Scene:
+    float64 [H, W], world units along the view direction, of rays through pixel centres, row 0 on top; NaN where a ray
+    meets no matter.
 
     at: a share from 0 (the first matter) to below 1: the depth at which the ray has lost this share of its light;
     "max" or "min": the depth of the largest or least value; None: ½, or the value that mip and minip show. Needs no
@@ -106,10 +107,11 @@ def render(
     and labels (a segmentation); vectors ("magnitude", "direction"), streamlines, arrows (their number, or True);
     surfaces (smoothing of segmentations, or True); clip (a condition or plane, or several), crop, mask (anything
     that `Volume.masked` accepts, or several); meshes; annotate (names as on the command line); threshold, memory;
-    options of `load` or `Volume.of` (spacing, array, …); of a Scene or plotter `mixing`: "linear" light, or
-    "display" values as VTK mixes them. background: linear RGB, a name or "#rrggbb"; without one the image is
-    transparent. `info["notes"]` lists the notes that the command prints about a file. `render` does not compare the
-    picture with the float64 reference; `check` does. Raises InputError for bad input, and if nothing is visible.
+    unit (a number: the length that opacities refer to; text: the unit of an array's lengths); options of `load` or
+    `Volume.of` (spacing, array, …); of a Scene or plotter `mixing`: "linear" light, or "display" values as VTK mixes
+    them. background: linear RGB, a name or "#rrggbb"; without one the image is transparent. `info["notes"]` lists the
+    notes that the command prints about a file, and on options without effect. `render` does not compare the picture
+    with the float64 reference; `check` does. Raises InputError for bad input, and if nothing is visible.
 
     ```python
     image = sg.render("head.nii.gz", "mri", azimuth=60, size=200, background="white")

@@ -304,3 +304,81 @@ def test_options_of_the_command_are_keywords() -> None:
         if o.group
     }
     assert flags <= KEYWORDS.keys()
+
+
+def amounts(folder: Path) -> str:
+    """A file of whole numbers that are no segments, 1 among them."""
+    random = np.random.default_rng(3)
+    return saved(folder / "ct.npy", (random.integers(0, 3, (N, N, N)) + 90 * (field() > 60)).astype(np.int16))
+
+
+OF_SEGMENTS = {
+    "only_labels": ("--only-labels", "1", "a segmentation, got amounts in"),
+    "name_of": ("--name-of", "1=liver", "a segmentation, got amounts in"),
+    "surfaces": ("--surfaces", "0.5", "a segmentation among the volumes, got amounts in"),
+    "color_of": ("--color-of", "1=red", "several channels, got one"),
+}
+
+
+@pytest.mark.parametrize("name", OF_SEGMENTS)
+def test_options_of_segments_need_a_segmentation(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, (flag, text, words) = amounts(tmp_path), OF_SEGMENTS[name]
+    doors = [
+        ["render", path, "-o", str(tmp_path / "a.png"), flag, text],
+        ["pick", path, "3,3", "--size", "8", flag, text],
+    ]
+    doors += [["animate", path, "-o", str(tmp_path / "b{frame}.png"), "--frames", "2", flag, text]]
+    for command in doors:
+        assert main(command) == 2
+        assert f"splatgl: {flag}: expected {words}" in capsys.readouterr().err
+    assert not list(tmp_path.glob("*.png"))
+    value = values()[name]
+    for draw_x in (sg.render, sg.depth_map):
+        for x in (path, np.load(path), sg.load(path)):
+            with pytest.raises(InputError, match=f"^{name}: expected {words}"):
+                draw_x(x, size=SIZE, **{name: value})
+
+
+def test_segments_that_are_stated_or_found(tmp_path: Path) -> None:
+    """Numbers that the user states as labels, a mask, and a segmentation beside the volume."""
+    path = amounts(tmp_path)
+    named = sg.render(path, size=SIZE, values="labels", only_labels=[1]).pixels
+    assert named[..., 3].max() > 0.9
+    mask = (segments() > 0).astype(np.uint8)
+    assert np.array_equal(*(sg.render(mask, size=SIZE, only_labels=only).pixels for only in ([1], "all")))
+    beside = sg.render(path, size=SIZE, labels=segments(), only_labels=[3]).pixels
+    assert not np.array_equal(beside, sg.render(path, size=SIZE, labels=segments()).pixels)
+
+
+def test_a_preset_and_segments_exclude_each_other() -> None:
+    with pytest.raises(InputError, match="transfer of labels: expected keys only_labels, unit, shading, got preset"):
+        sg.render(segments(), preset="mri", only_labels=[1], values="labels")
+
+
+def test_channels_take_the_looks_that_are_asked_for() -> None:
+    """Each by its own values: the second channel is a fiftieth as bright, and looks as the first."""
+    hint = sg.Volume(field(), name="A"), sg.Volume(field() / 50, name="B")
+    both = replace(hint[0], channels=hint)
+    for look in ({"preset": "microscopy"}, {"curve": "ramp:50%,99%"}, {"points": [(50, 0), (80, 0.9)]}):
+        shown = sg.render(both, size=SIZE, color_of={"A": "red", "B": "blue"}, **look).pixels
+        same = look.keys() != {"points"}
+        assert np.allclose(shown[..., 0], shown[..., 2], atol=1e-4) == same and shown[..., 0].max() > 0.2
+    window = sg.render(both, size=SIZE, window=(30, 60)).pixels
+    assert np.array_equal(window, sg.render(both, size=SIZE, window_of={"A": (30, 60), "B": (30, 60)}).pixels)
+    assert np.array_equal(window, sg.render(both, size=SIZE, level_width=(45, 30)).pixels)
+
+
+def test_depths_of_a_scene_are_those_of_its_volume() -> None:
+    x, look = volume(), sg.Transfer(POINTS)
+    right = sg.depth_map(x, look, size=SIZE, azimuth=70)
+    scene = sg.Scene([sg.Layer(x, look)])
+    assert (
+        np.array_equal(sg.depth_map(scene, size=SIZE, azimuth=70), right, equal_nan=True) and np.isfinite(right).any()
+    )
+    camera = sg.Camera.orbit(x, 70, size=(SIZE, SIZE))
+    cut = sg.depth_map(sg.Scene([sg.Layer(x, look)], clip="x>0.5"), camera=camera)
+    assert np.array_equal(cut, sg.depth_map(x, look, camera, clip="x>0.5"), equal_nan=True)
+    with pytest.raises(InputError, match="transfer: expected none beside a scene"):
+        sg.depth_map(scene, look)
+    with pytest.raises(InputError, match="clip: expected planes of four finite numbers"):
+        sg.depth_map(scene, clip="x>0.5")
