@@ -20,7 +20,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from splatgl.errors import InputError, expected
+from splatgl.errors import SIMILAR, InputError, expected
 from splatgl.platforms import free_memory
 
 if TYPE_CHECKING:
@@ -66,8 +66,8 @@ def check_source(path: Path, *sources: str | None) -> None:
         raise expected(path, "another file than the source", "the source itself", "name another one with -o")
 
 
-# files of a folder among which a name is looked for, and least similarity of one that is suggested
-MOST_NAMES, SIMILAR = 1000, 0.8
+# files of a folder among which a name is looked for
+MOST_NAMES = 1000
 
 
 def require_existing(path: Path, what: object, this: str = "a file") -> None:

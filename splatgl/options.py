@@ -12,8 +12,7 @@ from math import inf, isfinite
 from numbers import Real
 from typing import Any, Literal, TypeVar, get_args
 
-from splatgl.errors import InputError, expected
-from splatgl.fileio import SIMILAR
+from splatgl.errors import SIMILAR, InputError, expected
 
 
 class Group(StrEnum):

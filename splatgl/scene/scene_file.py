@@ -66,7 +66,6 @@ from splatgl.scene.meshes import (
 from splatgl.scene.transfer_choice import (
     AMOUNT_KEYS,
     CHANNEL_KEYS,
-    COLOR_KEYS,
     LABEL,
     LABEL_KEYS,
     REPLACES,
@@ -74,6 +73,7 @@ from splatgl.scene.transfer_choice import (
     TransferChoice,
     base_transfer,
     default_colors,
+    notes_on_looks,
     place_files,
     plain_values,
     read_nodes,
@@ -83,7 +83,7 @@ from splatgl.scene.transfer_choice import (
 )
 from splatgl.scene.view import ViewOptions, orient_flat_stack
 from splatgl.splat.colormaps import base_name, labels_of
-from splatgl.splat.label_detection import MASK, mark_kind
+from splatgl.splat.label_detection import MASK, as_segmentation, mark_kind
 from splatgl.splat.presets import (
     is_preset,
     label_transfer,
@@ -491,25 +491,11 @@ class SceneFile:
 
     def _unused_notes(self, volume: Volume) -> list[str]:
         """Returns notes on options without effect. Raises InputError for options of voxels beside a cloud of points."""
-        named = [name for name, value in self.transfer.items() if value not in (None, "", (), [])]
-        # all fields are those of one transfer function, in which each is stated
-        stated = [] if declared(Transfer).keys() <= self.transfer.keys() else named
-        if volume.points is not None:
-            of_scene = [name for name in OF_VOXELS if getattr(self, name) not in (None, "", (), 0.0)]
-            for name in [*(name for name in stated if name not in ("points", "shading")), *of_scene]:
-                fix = "points have colours of their own, and the opacity of the value 1"
-                raise expected(name, "a volume of voxels", f"{len(volume.points):,} points", fix)
-        notes = []
-        if volume.color is not None:
-            of_amounts = ("colormap", "colors") if self.settings.blend == "mip" else COLOR_KEYS
-            notes += no_effect([name for name in of_amounts if name in stated], "the volume has colours of its own")
-        if len(volume.channels) > 1:
-            own = ("colormap", "colors")
-            notes += no_effect([name for name in own if name in stated], "each channel has its colour; see color_of")
+        of_scene = [name for name in OF_VOXELS if getattr(self, name) not in (None, "", (), 0.0)]
+        notes = notes_on_looks(self.transfer, volume, self.settings.blend, of_scene)
         if not (self.clip or self.crop or self.settings.clip):
             of_meshes = ["caps" if mesh.caps else "clip_meshes" for mesh in self.meshes if mesh.clip]
-            cut = [*["uncut"] * bool(self.uncut), *dict.fromkeys(of_meshes)]
-            notes += no_effect(cut, "neither clip nor crop cuts")
+            notes += no_effect([*["uncut"] * bool(self.uncut), *dict.fromkeys(of_meshes)], "neither clip nor crop cuts")
         return notes
 
     def _open(self) -> Volume:
@@ -548,9 +534,9 @@ class SceneFile:
             return volume
         marked = mark_kind(volume)
         if named:
-            return replace(_as_segmentation(marked, named[0], self.volume), notes=volume.notes)
+            return replace(as_segmentation(marked, named[0], self.volume), notes=volume.notes)
         if self.surfaces is not None and marked.hints.values == MASK:
-            return _as_segmentation(marked, "surfaces", self.volume)
+            return as_segmentation(marked, "surfaces", self.volume)
         if self.transfer.keys() & AMOUNT_KEYS and volume.labels is None:
             return replace(marked.of_values("amounts") if marked.labels is not None else marked, notes=volume.notes)
         return marked
@@ -653,14 +639,3 @@ class SceneFile:
         # a surface has the light part of a map over its default window, and the whole map over other windows
         colors = base_name(base.colormap) if "window" in keys else base.colormap
         return replace(base, **{"colormap": colors, **keys})
-
-
-def _as_segmentation(marked: Volume, option: str, source: str) -> Volume:
-    """Returns a volume whose kind is known as labels. Raises InputError, which names the option, for amounts."""
-    if any(part.labels is not None for part in marked.channels or (marked,)):
-        return marked
-    if marked.hints.values != MASK:
-        fix = "--labels FILE adds one; --values labels, if these numbers are names"
-        raise expected(option, "a segmentation", f"amounts in {source}", fix)
-    # two values, one of which is a segment
-    return marked.of_values("labels")
