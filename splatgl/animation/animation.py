@@ -26,7 +26,7 @@ from splatgl.distributed.worker import Drawing, keep_latest, renderer
 from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name, write_file
 from splatgl.options import Group, Kind, check_options, non_default, option
-from splatgl.scene.draw import progress_bar
+from splatgl.scene.draw import print_notes_of, progress_bar
 from splatgl.scene.open_scene import OpenScene, annotated_part, print_notes, provenance_of, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.bricks import Bricks, bricks_of, excess_need, required_bricks
@@ -225,6 +225,8 @@ class Animation:
         with progress_bar("frame", quiet, alike=True) as progress:
             for (_, group), (_, matter) in zip(groups, read_ahead(read, [number for number, _ in groups]), strict=True):
                 for n in group:
+                    if n == todo[0] and not isinstance(matter.subject, Bricks):
+                        print_notes_of(renderer, matter.subject, self.view(n).camera, work.settings, quiet)
                     frames.write(n, work.frame(renderer, matter, self.view(n)))
                     progress(next(done), len(todo))
 

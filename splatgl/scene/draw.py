@@ -200,17 +200,21 @@ def draw(scene: OpenScene, how: DrawOptions) -> Image:
     """Draws a scene in this process, with its provenance and annotations."""
     check_time(scene.file.annotate)
     if scene.file.slices:
-        return draw_slices(scene)
-    level, info, image = scene, dict[str, object](), None
+        image = draw_slices(scene)
+        print_lines(image.notes, scene.is_quiet)
+        return image
+    level, info, drawn = scene, dict[str, object](), None
     if scene.is_single:
         scene.check_masks()
         if scene.volume.coarser:
             level, info = _choose_level(scene, how)
-        image = _draw_in_bricks(level, how)
+        drawn = _draw_in_bricks(level, how)
     else:
         how.check_supported("layers", "a picture of one volume", "layers" if scene.file.layers else "meshes")
         scene.check_fits(how.memory)
-    if image is None:
+    if drawn is not None:
+        image = drawn
+    else:
         with how.open_early() as opening:
             image = draw_subject(level.subject, level.camera, level.settings, opening)
         if how.memory is not None and scene.is_single and (scene.file.threshold or level.splats.post is None):
@@ -300,6 +304,16 @@ def print_lines(notes: Sequence[str], is_quiet: bool) -> None:
     """Prints notes on standard error, unless it is to be quiet."""
     for note in () if is_quiet else notes:
         print(f"splatgl: {note}", file=sys.stderr)
+
+
+def print_notes_of(
+    renderer: Renderer, subject: Splats | Scene, camera: Camera, settings: Settings, is_quiet: bool
+) -> None:
+    """Prints notes on settings that do not change the frames of a movie."""
+    from splatgl.splat.motion import Motion
+
+    notes = () if is_quiet else renderer.plans(subject, camera, replace(settings, clip=()), Motion()).notes
+    print_lines([note for note in notes if note not in getattr(subject, "notes", ())], is_quiet)
 
 
 def annotate(image: Image, scene: OpenScene) -> Image:

@@ -349,8 +349,8 @@ def plan_scene(
     layers, meshes = subject.drawn(settings), subject.surfaces(settings)
     is_moving = motion is not None
     if len(layers) == 1 and not meshes:
-        plans = (plan(layers[0][0], camera, layers[0][1], motion, tiles),)
-        return ScenePlan(plans, notes=unused_settings(plans, settings, is_moving=is_moving))
+        alone = plan(layers[0][0], camera, layers[0][1], motion, tiles)
+        return ScenePlan((alone,), notes=unused_settings([alone], settings, is_moving=is_moving))
     changes: dict[str, Any] = {}
     if motion is not None and not motion.still:
         check_blur_supported("of layers", settings, motion.flow is not None)

@@ -295,6 +295,18 @@ def test_commands_print_options_without_effect(tmp_path: Path, capsys: pytest.Ca
     assert list(image.notes) == said
 
 
+def test_movies_and_slices_print_options_without_effect(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = saved(tmp_path / "a.npy", field())
+    movie = ["animate", path, "-o", str(tmp_path / "b{frame}.png"), "--frames", "2", "--size", "16"]
+    assert main([*movie, "--samples", "2", "--z-s", "1", "--shutter", "90"]) == 0
+    said = capsys.readouterr().err
+    assert said.count("samples: no effect") == said.count("z_s: no effect") == 1 and "shutter: no" not in said
+    sheet = ["render", path, "-o", str(tmp_path / "c.png"), "--size", "16", "--slice", "z=4"]
+    assert main([*sheet, "--zoom", "1.1", "--background", "white"]) == 0 and "no effect" not in capsys.readouterr().err
+    assert main([*sheet, "--light", "flat", "--azimuth", "40"]) == 0
+    assert "splatgl: light, azimuth: no effect, as slices have no view in space" in capsys.readouterr().err
+
+
 def test_options_of_the_command_are_keywords() -> None:
     """An option that only the command has would not be in the table."""
     flags = {
