@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from splatgl.options import no_effect
 from splatgl.splat.kernels import FREE
 from splatgl.splat.plan import Plan
+from splatgl.splat.resolve import Appearance
 from splatgl.splat.settings import Settings
 
 # settings of splats, which meshes alone do not need
@@ -16,105 +17,78 @@ OF_SPLATS = (
     *("attenuation", "footprint", "table_size", "table_bits", "target", "technique", "order", "occlusion"),
     "ambient_occlusion",
 )
+LIGHT = ("light", "light_from", "ambient", "diffuse", "specular")
+# settings of moving pictures; moments are the default of an earlier version
+OF_MOTION = ("motion", "moments", "shutter")
 
 
 @dataclass(frozen=True)
-class Need:
-    """What settings need in order to change a picture. names: of the settings. is_met: whether the plan of a layer
-    uses them, and meshes, if there are some. why: the reason if no layer does.
-    """
+class Use:
+    """A layer's plan, the settings as they were given, and whether meshes are drawn, too."""
 
-    names: tuple[str, ...]
-    is_met: Callable[[Plan, Settings, bool], bool]
-    why: str
+    plan: Plan
+    given: Settings
+    meshes: bool
+
+    @property
+    def look(self) -> Appearance:
+        """The appearance of the splats."""
+        return self.plan.program.look
+
+    @property
+    def is_lit(self) -> bool:
+        """Whether light changes with the direction of surfaces; points have none."""
+        splats = self.plan.splats
+        has_normals = splats.post is not None or splats.labels is not None or bool(splats.records["normal"].any())
+        return self.look.iso == "lit" or (self.look.shading and has_normals)
+
+    @property
+    def shows_light(self) -> bool:
+        """Whether the picture depends on the light."""
+        return self.is_lit or self.plan.resolved.cues is not None or (self.meshes and self.given.shading != "off")
+
+    @property
+    def skips_hidden(self) -> bool:
+        """Whether hidden splats are skipped, unless the settings say otherwise."""
+        return self.look.blend.ordered and self.plan.program.technique == "tiles"
 
 
-def is_lit(plan: Plan) -> bool:
-    """Whether light changes with the direction of surfaces; points have none."""
-    splats, look = plan.splats, plan.program.look
-    has_normals = splats.post is not None or splats.labels is not None or bool(splats.records["normal"].any())
-    return look.iso == "lit" or (look.shading and has_normals)
-
-
-NEEDS = (
-    Need(OF_SPLATS, lambda plan, settings, meshes: len(plan.splats) > 0, "only meshes are drawn"),
-    Need(
-        ("samples",),
-        lambda plan, settings, meshes: settings.antialias == "supersample",
-        "antialias is not supersample",
-    ),
-    Need(
-        ("z_s",),
-        lambda plan, settings, meshes: plan.program.align == "hybrid",
-        "align is not hybrid, or the view is parallel",
-    ),
-    Need(
+# settings, whether the plan of a layer uses them, and the reason if no layer does
+NEEDS: tuple[tuple[tuple[str, ...], Callable[[Use], bool], str], ...] = (
+    (OF_SPLATS, lambda use: len(use.plan.splats) > 0, "only meshes are drawn"),
+    (("samples",), lambda use: use.given.antialias == "supersample", "antialias is not supersample"),
+    (("z_s",), lambda use: use.plan.program.align == "hybrid", "align is not hybrid, or the view is parallel"),
+    (
         ("align",),
-        lambda plan, settings, meshes: plan.program.align == settings.align,
+        lambda use: use.plan.program.align == use.given.align,
         "in a parallel view all alignments are the same",
     ),
-    Need(
-        ("mip_attenuation",),
-        lambda plan, settings, meshes: settings.blend == "attenuated-mip",
-        "blend is not attenuated-mip",
-    ),
-    Need(
-        ("table_size",),
-        lambda plan, settings, meshes: plan.program.footprint in ("table", "radial"),
-        "footprints are no table",
-    ),
-    Need(
-        ("kernel",),
-        lambda plan, settings, meshes: settings.kernel in (plan.kernel.name, FREE),
-        "voxels of labels are drawn as boxes",
-    ),
-    Need(
-        ("shading",),
-        lambda plan, settings, meshes: settings.shading == "off" or is_lit(plan) or meshes,
-        "there are no surfaces",
-    ),
-    Need(
-        ("light", "light_from", "ambient", "diffuse", "specular"),
-        lambda plan, settings, meshes: (
-            is_lit(plan) or plan.resolved.cues is not None or (meshes and settings.shading != "off")
-        ),
-        "nothing is shaded",
-    ),
-    Need(
-        ("ambient_occlusion",),
-        lambda plan, settings, meshes: plan.program.look.sky,
-        "no matter is drawn in blend composite",
-    ),
-    Need(
+    (("mip_attenuation",), lambda use: use.given.blend == "attenuated-mip", "blend is not attenuated-mip"),
+    (("table_size",), lambda use: use.plan.program.footprint in ("table", "radial"), "footprints are no table"),
+    (("kernel",), lambda use: use.given.kernel in (use.plan.kernel.name, FREE), "voxels of labels are drawn as boxes"),
+    (("shading",), lambda use: use.given.shading == "off" or use.is_lit or use.meshes, "there are no surfaces"),
+    (LIGHT, lambda use: use.shows_light, "nothing is shaded"),
+    (("ambient_occlusion",), lambda use: use.look.sky, "no matter is drawn in blend composite"),
+    (
         ("shadows",),
-        lambda plan, settings, meshes: plan.program.look.shadows or meshes,
+        lambda use: use.look.shadows or use.meshes,
         "shadows are of blend composite, and of a light beside the eye",
     ),
-    Need(
+    (
         ("compositing",),
-        lambda plan, settings, meshes: (settings.compositing == "sheets") == (plan.resolved.sheets is not None),
+        lambda use: (use.given.compositing == "sheets") == (use.plan.resolved.sheets is not None),
         "these splats composite one by one",
     ),
-    Need(("sheets",), lambda plan, settings, meshes: plan.program.look.sheets > 0, "splats composite one by one"),
-    Need(
-        ("steps",),
-        lambda plan, settings, meshes: plan.program.look.steps > 0,
-        "values are classified before reconstruction",
-    ),
-    Need(
+    (("sheets",), lambda use: use.look.sheets > 0, "splats composite one by one"),
+    (("steps",), lambda use: use.look.steps > 0, "values are classified before reconstruction"),
+    (
         ("attenuation",),
-        lambda plan, settings, meshes: settings.attenuation in ("opacity", plan.program.look.attenuation),
-        "no splat is widened beyond z_k",
+        lambda use: use.given.attenuation in ("opacity", use.look.attenuation),
+        "only splats of blend composite beyond z_k are weakened",
     ),
-    Need(("order",), lambda plan, settings, meshes: plan.program.look.blend.ordered, "the blend has no order"),
-    Need(
-        ("occlusion",),
-        lambda plan, settings, meshes: plan.program.look.blend.ordered and plan.program.technique == "tiles",
-        "only tiles of blend composite skip hidden splats",
-    ),
+    (("order",), lambda use: use.look.blend.ordered, "the blend has no order"),
+    (("occlusion",), lambda use: use.skips_hidden, "only tiles of blend composite skip hidden splats"),
 )
-# settings of moving pictures; moments are the default of an earlier version
-OF_MOTION = ("motion", "moments", "shutter")
 
 
 def unused_settings(
@@ -125,9 +99,9 @@ def unused_settings(
     if not is_moving:
         still = [name for name in OF_MOTION if name in given and given[name] != "moments"]
         notes += no_effect(still, "nothing moves")
-    for need in NEEDS:
-        names = [name for name in need.names if name in given]
-        if names and not any(need.is_met(plan, settings, has_meshes) for plan in plans):
-            notes += no_effect(names, need.why)
-            given = {name: value for name, value in given.items() if name not in names}
+    for names, is_used, why in NEEDS:
+        listed = [name for name in names if name in given]
+        if listed and not any(is_used(Use(plan, settings, has_meshes)) for plan in plans):
+            notes += no_effect(listed, why)
+            given = {name: value for name, value in given.items() if name not in listed}
     return tuple(notes)
