@@ -50,6 +50,10 @@ def error_prefix(what: str) -> Iterator[None]:
         raise Choice(line, error.option, error.choices) if isinstance(error, Choice) else InputError(line) from error
 
 
+# least similarity of a misspelt word to the one that is suggested
+SIMILAR = 0.8
+
+
 def list_names(names: Sequence[object], most: int = 8) -> str:
     """The first names as text, which ends with … if there are more."""
     return ", ".join(map(str, names[:most])) + ", …" * (len(names) > most)

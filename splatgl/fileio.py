@@ -15,11 +15,13 @@ import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from difflib import get_close_matches
+from itertools import islice
 from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from splatgl.errors import InputError, expected
+from splatgl.errors import SIMILAR, InputError, expected
 from splatgl.platforms import free_memory
 
 if TYPE_CHECKING:
@@ -70,6 +72,20 @@ def check_source(path: Path, *sources: str | None) -> None:
     """Raises InputError if writing `path` would overwrite one of the sources; None is no source."""
     if overwrites(path, sources):
         raise expected(path, "another file than the source", "the source itself", "name another one with -o")
+
+
+# files of a folder among which a name is looked for
+MOST_NAMES = 1000
+
+
+def require_existing(path: Path, what: object, this: str = "a file") -> None:
+    """Raises InputError, which suggests a similar name in its folder, for a path that does not exist."""
+    if path.exists():
+        return
+    is_listed = path.parent.is_dir() and os.access(path.parent, os.R_OK)
+    names = [file.name for file in islice(path.parent.iterdir() if is_listed else (), MOST_NAMES)]
+    similar = get_close_matches(path.name, names, 1, SIMILAR)
+    raise expected(what, this, "no such file", f"did you mean {similar[0]}?" if similar else "check the path")
 
 
 WHOLE_BYTES = 2**28
@@ -149,8 +165,9 @@ MAX_BYTES = 2**20
 def load_table(path: Path, what: str) -> dict[str, Any]:
     """The table in a TOML file. what: the kind of file for messages, such as "a scene". Raises InputError naming it."""
     try:
+        require_existing(path, path, what)
         # a pipe would block, a device could be endless
-        if path.exists() and not path.is_file():
+        if not path.is_file():
             raise expected(path, f"{what} in a TOML file", "a folder, pipe or device")
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)

@@ -12,7 +12,7 @@ from math import inf, isfinite
 from numbers import Real
 from typing import Any, Literal, TypeVar, get_args
 
-from splatgl.errors import InputError, expected
+from splatgl.errors import SIMILAR, InputError, expected
 
 
 class Group(StrEnum):
@@ -175,7 +175,8 @@ class Kind:
     @staticmethod
     def picture_size() -> Kind:
         """Width and height in pixels: two whole numbers, or text WIDTHxHEIGHT or of one number for a square."""
-        pair = Kind.numbers(2, "W×H", "a width and a height in whole pixels, such as 800x600", integers=True)
+        this = "a width and a height of at least one whole pixel, such as 800x600"
+        pair = Kind.numbers(2, "W×H", this, integers=True, positive=True)
 
         def read(text: str) -> tuple[int, int]:
             sides = [int(part) for part in text.lower().replace("×", "x").split("x")]
@@ -184,7 +185,7 @@ class Kind:
 
         def check(value: Any) -> tuple[int, int]:
             plain = isinstance(value, str | int) and not isinstance(value, bool)
-            width, height = read(str(value)) if plain else pair.check(value)
+            width, height = pair.check(read(str(value)) if plain else value)
             return width, height
 
         return replace(pair, check=check, read=read, hint="int | str | Numbers")
@@ -333,6 +334,12 @@ def refuse_unknown(what: str, names: Iterable[str], known: Iterable[str], this: 
         raise expected(what, this or f"keys {', '.join(known)}", ", ".join(unknown), fix)
 
 
+def no_effect(names: Iterable[str], why: str) -> list[str]:
+    """A note on options without effect, in a list; [] without names."""
+    listed = ", ".join(names)
+    return [f"{listed}: no effect, as {why}"] if listed else []
+
+
 # options and commands, with a value where one is meant, and the words for them in 3D Slicer, ParaView, PyVista, VTK,
 # napari, Fiji and F3D; of several options for a word, the first that is there
 MEANINGS = {
@@ -409,8 +416,6 @@ MEANINGS = {
     "presets": "colormaps looks transfer-functions",
     "convert": "export save-as translate",
 }
-# least similarity of a misspelt word
-SIMILAR = 0.8
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

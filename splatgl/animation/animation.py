@@ -26,7 +26,7 @@ from splatgl.distributed.worker import Drawing, keep_latest, renderer
 from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name, write_file
 from splatgl.options import Group, Kind, check_options, non_default, option
-from splatgl.scene.draw import progress_bar
+from splatgl.scene.draw import print_notes_of, progress_bar
 from splatgl.scene.open_scene import OpenScene, annotated_part, print_notes, provenance_of, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.bricks import Bricks, bricks_of, excess_need, required_bricks
@@ -227,6 +227,8 @@ class Animation:
         with progress_bar("frame", quiet, alike=True) as progress:
             for (_, group), (_, matter) in zip(groups, read_ahead(read, [number for number, _ in groups]), strict=True):
                 for n in group:
+                    if n == todo[0] and not isinstance(matter.subject, Bricks):
+                        print_notes_of(renderer, matter.subject, self.view(n).camera, work.settings, quiet)
                     frames.write(n, work.frame(renderer, matter, self.view(n)))
                     progress(next(done), len(todo))
 
@@ -312,6 +314,8 @@ def _track(scene: OpenScene, subject: Bounded, timeline: Timeline, series: int) 
     count = timeline.frames or (series * timeline.hold if series else FRAMES)
     if timeline.keyframes:
         track = keyframes(timeline.keyframes, view, volume, subject)
+        if not scene.is_quiet:
+            _tell_size(track.camera(0), replace(track, subject=subject).camera(0), subject, series > 1)
         return track, timeline.frames or track.last + 1
     axis = None if timeline.axis is None else np.array(timeline.axis)
     turns = turning(view, volume, subject, timeline.degrees(count, series > 1), axis)

@@ -146,8 +146,9 @@ def keyframes(source: str | Mapping[str, Any], view: ViewOptions, volume: Volume
     keys = {n: (np.array([f for f, _ in p], float), np.array([v for _, v in p])) for n, p in places.items()}
     keys = _joined(path, keys) if shape == "orbit" else keys
     up = np.array(view.upward(volume.hints), dtype=np.float64)
-    swept = Swept.of(subject, up / np.linalg.norm(up))
-    track = Keyframes(keys, ease == "smooth", view, volume, swept)
+    turns = any(np.ptp(keys[name][1]) > 0 for name in ("azimuth", "elevation") if name in keys)
+    fitted = Swept.of(subject, up / np.linalg.norm(up)) if turns else subject
+    track = Keyframes(keys, ease == "smooth", view, volume, fitted)
     _check(path, track)
     return track
 

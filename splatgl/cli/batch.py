@@ -21,6 +21,7 @@ from splatgl.scene.open_scene import OpenScene, channel_layers
 
 if TYPE_CHECKING:
     from splatgl.distributed.worker import Drawing
+    from splatgl.scene.scene_file import SceneFile
     from splatgl.splat.camera import Camera
 
 # options of one picture, by their names in arguments
@@ -43,6 +44,13 @@ class Same:
             windows = [(name, look.window or (look.points[0][0], look.points[-1][0])) for name, look in spans]
             return cls(scene.camera, {"window_of": tuple(windows)})
         return cls(scene.camera, {} if scene.transfer.labels else scene.transfer.fields)
+
+    def read(self, file: SceneFile, is_quiet: bool) -> OpenScene:
+        """Reads a scene with these. Notes on a window are of one that is given, not of the one that is shared."""
+        file = replace(file, view=replace(file.view, fixed=self.camera)).with_transfer(self.transfer)
+        plain = {name: value for name, value in file.transfer.items() if name != "window"}
+        volume = OpenScene.read(replace(file, transfer=plain), is_quiet).volume
+        return OpenScene.of(file, volume, is_quiet)
 
 
 @dataclass(frozen=True)
@@ -184,13 +192,8 @@ def draw_job(job: argparse.Namespace, how: DrawOptions, same: Same | None) -> Dr
     """The picture of a job, or its error. same: what an earlier picture shares with it."""
     output, is_quiet = Path(job.output), job.quiet or job.json
     try:
-        file = scene_from(job)
-        if same is not None:
-            replaced = ("preset", "level_width") if "points" in same.transfer else ()
-            transfer = {name: value for name, value in file.transfer.items() if name not in replaced}
-            view = replace(file.view, fixed=same.camera)
-            file = replace(file, view=view, transfer={**transfer, **same.transfer})
-        scene = OpenScene.read(for_output(file, output), is_quiet)
+        file = for_output(scene_from(job), output)
+        scene = OpenScene.read(file, is_quiet) if same is None else same.read(file, is_quiet)
         image = draw(scene, how)
         data = image.encoded(output, job.bits, ground_of(scene))
         return Drawn(data, report(job, image, scene), Same.of(scene) if job.same and same is None else None)

@@ -27,7 +27,7 @@ from splatgl.cli.output import check_outputs, ground_of, output_of, report
 from splatgl.data.image import Image, save_map
 from splatgl.errors import expected
 from splatgl.options import Group, declared, names_of
-from splatgl.scene.draw import DrawOptions, WorkerOptions, depths, draw, finish, progress_bar
+from splatgl.scene.draw import DrawOptions, WorkerOptions, depths_of, draw, finish, progress_bar
 from splatgl.scene.meshes import is_mesh
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
@@ -52,8 +52,8 @@ def write_depths(scene: OpenScene, path: str, at: float | str | None) -> None:
     from splatgl.splat.settings import BLENDS
 
     started = time.perf_counter()
-    depth, camera, settings = depths(scene, at), scene.camera, scene.file.settings
-    blend = BLENDS[settings.blend]
+    camera, settings = scene.camera, replace(scene.file.settings, clip=())
+    depth, blend = depths_of(scene.scene, camera, settings, at), BLENDS[settings.blend]
     share = (blend.join if blend.one_value else HALF) if at is None else at
     unit = scene.volume.unit or "units"
     info = {"version": __version__, "source": Path(scene.file.volume).name, "depth_at": share, "unit": unit}

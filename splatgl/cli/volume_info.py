@@ -15,8 +15,9 @@ from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError
 from splatgl.fileio import budget, format_bytes
 from splatgl.readers.common import is_mapped
-from splatgl.splat.bricks import bricks_of, estimate_need, excess_need
+from splatgl.splat.bricks import bricks_of, estimate_need, excess_need, needed_together
 from splatgl.splat.presets import default_transfer
+from splatgl.splat.scene import channel_transfers
 from splatgl.splat.settings import Settings
 
 # columns of the page, for terminals of 80 columns
@@ -230,16 +231,18 @@ def _drawing_lines(volume: Volume) -> list[str]:
     transfer function.
     """
     try:
-        transfer = default_transfer(volume)
+        glow = len(volume.channels) > 1 and not any(channel.labels for channel in volume.channels)
+        looks = channel_transfers(volume, {}, {}) if glow else map(default_transfer, volume.channels or (volume,))
+        bricks = [bricks_of(*part, Settings()) for part in zip(volume.channels or (volume,), looks, strict=True)]
     except InputError:
         return []
-    bricks = bricks_of(volume, transfer, Settings())
-    if bricks is None:
+    parts = [part for part in bricks if part is not None]
+    if len(parts) < len(bricks):
         return []
     most = budget()
-    needed = estimate_need(bricks, 4 * SIZE[0] * SIZE[1], 0)
-    many = excess_need(bricks, SIZE, most)
-    how = "whole" if many is None else f"{len(bricks.low):,} bricks"
+    needed = needed_together([estimate_need(part, 4 * SIZE[0] * SIZE[1], 0) for part in parts])
+    many = [excess for part in parts if (excess := excess_need(part, SIZE, most)) is not None]
+    how = "whole" if not many else f"{sum(len(part.low) for part in parts):,} bricks" if len(parts) == 1 else "too much"
     level = "level 0; render takes the coarsest level that is right"
     texts = wrap(f"{needed}, of {format_bytes(most)}: {how}", WIDTH - _LABEL - 2)
     lines = [_line("to render" * (not n), text) for n, text in enumerate(texts)]

@@ -77,13 +77,17 @@ def settings_of(config: pytest.Config) -> Settings:
     from splatgl.errors import InputError
     from splatgl.fileio import parse_table
 
+    fault = ""
     if SETTINGS not in config.stash:
         try:
             table = parse_table(config.getini(INI), f"{INI}: expected settings in TOML")
             settings = Settings.of_project(config.rootpath).but(table, INI)
             config.stash[SETTINGS] = replace(settings, folder=config.rootpath)
         except InputError as error:
-            pytest.fail(str(error), pytrace=False)
+            fault = str(error)
+    if fault:
+        # not within the handler: pytest prints an exception with those that it was raised in
+        pytest.fail(fault, pytrace=False)
     return config.stash[SETTINGS]
 
 

@@ -52,8 +52,11 @@ class Settings:
         file = next((f / FILE for f in (start, *start.resolve().parents) if (f / FILE).is_file()), None)
         if file is None:
             return cls(folder=start)
-        table = load_table(file, "a project").get("tool", {}).get("splatgl", {}).get("compare", {})
-        return cls(folder=file.parent).but(table, f"{file}: {TABLE}")
+        tables = load_table(file, "a project").get("tool", {}).get("splatgl", {})
+        if not isinstance(tables, dict) or not isinstance(tables.get("compare", {}), dict):
+            raise expected(f"{file}: {TABLE}", "a table", "another value")
+        refuse_unknown(f"{file}: [tool.splatgl]", tables, ("compare",), f"the table {TABLE}")
+        return cls(folder=file.parent).but(tables.get("compare", {}), f"{file}: {TABLE}")
 
     def but(self, values: Mapping[str, Any], what: str = "options") -> Settings:
         """The settings with others. A limit among them replaces all limits, `noise` too. what: their place."""

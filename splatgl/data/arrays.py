@@ -40,10 +40,14 @@ def volume_of(x: Any, **options: Any) -> Volume:
     names = [field.name for field in fields(ArrayOptions)]
     refuse_unknown("options", sorted(options), names, f"some of {', '.join(names)}")
     array_options = ArrayOptions(**options)
+    if isinstance(x, Volume):
+        array_options.no_array("a volume")
     volume = x if isinstance(x, Volume) else _find_converter(x)(x, array_options)
     # where the array does not know its spacing, its levels do not either
     levels = {"coarser": ()} if array_options.spacing is not None or array_options.origin is not None else {}
-    volume = replace(volume, **array_options.given, **levels)
+    on_grid = {name: value for name, value in array_options.given.items() if name != "name"} | levels
+    channels = tuple(replace(channel, **on_grid) for channel in volume.channels)
+    volume = replace(volume, **array_options.given, **levels, channels=channels)
     if array_options.values not in (None, "labels", "amounts"):
         raise expected("values", "labels or amounts", repr(array_options.values))
     return volume if array_options.values is None else volume.of_values(array_options.values)

@@ -56,6 +56,17 @@ class Image:
     figure: Figure | None = None
     bits: int | None = None
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Lines on what the picture lacks, and on options without effect: info["notes"]."""
+        notes = self.info.get("notes", ())
+        return notes if isinstance(notes, tuple) else ()
+
+    def with_notes(self, notes: Sequence[str]) -> Image:
+        """The image with further notes before its own, each once."""
+        joined = tuple(dict.fromkeys((*notes, *self.notes)))
+        return replace(self, info={**self.info, "notes": joined}) if joined else self
+
     def save(self, path: str | Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> None:
         """Writes .png (sRGB, straight alpha, 8 or 16 bits), .jpg (sRGB), .npy, .tif or .exr (the pixels), atomically.
         In .svg and .pdf annotations are text and lines over the pixels.

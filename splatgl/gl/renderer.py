@@ -31,6 +31,7 @@ from splatgl.splat.resolve import why_per_splat
 from splatgl.splat.scene import Scene, ScenePlan, join_pictures, plan_scene
 from splatgl.splat.settings import FULL_SHUTTER, Settings
 from splatgl.splat.splats import Splats
+from splatgl.splat.unused import unused_settings
 
 # the finest form, table and target, to which coarser ones are compared
 FINER: dict[str, Any] = {
@@ -162,6 +163,7 @@ class Renderer:
     def _scene_info(self, scene: ScenePlan, camera: Camera, started: float) -> dict[str, object]:
         """Provenance of a picture of splats or layers. started: value of `time.perf_counter`."""
         info = self.provenance(scene.first, camera, time.perf_counter() - started)
+        info |= {"notes": scene.notes} if scene.notes else {}
         if scene.is_single:
             return info
         splats = [layer.splats for layer in scene.layers]
@@ -171,7 +173,6 @@ class Renderer:
             "splats": sum(map(len, splats)),
             "triangles": sum(map(len, scene.meshes)),
             "background": None if scene.background is None else list(scene.background),
-            **({"notes": scene.notes} if scene.notes else {}),
         }
 
     def _error(self, scene: ScenePlan, camera: Camera, pixels: np.ndarray, verify: bool) -> dict[str, object]:
@@ -273,6 +274,8 @@ class Renderer:
         info = self.provenance(chosen, camera, time.perf_counter() - started)
         info |= {"splats": splats, "bricks": len(bricks.low), "error_bound": None, "tolerance_met": False}
         info["unmasked"] = bricks.whole.unmasked + sum(bricks.gaps.values())
+        notes = unused_settings((chosen,), chosen.settings)
+        info |= {"notes": notes} if notes else {}
         return Image(pixels, info)
 
     def _verified(self, chosen: Plan, camera: Camera, pixels: np.ndarray) -> float:
@@ -323,6 +326,7 @@ class Renderer:
             "z_s": chosen.z_s,
             "z_k": _finite(chosen.resolved.z_k),
             "order": chosen.order,
+            "cutoff": chosen.hiding.cutoff,
             "footprint": chosen.table,
             "target": chosen.target,
             "tolerance": chosen.resolved.tolerance,

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import re
 from contextlib import nullcontext
 from dataclasses import fields, replace
-from difflib import get_close_matches
 from importlib import import_module
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import Choice, InputError, error_prefix, expected
-from splatgl.fileio import decode_text
-from splatgl.options import SIMILAR, keywords_of, refuse_unknown, with_keywords
+from splatgl.fileio import decode_text, require_existing
+from splatgl.options import keywords_of, refuse_unknown, with_keywords
 from splatgl.readers.common import silence_libraries
 from splatgl.readers.contents import FIXES, UNKNOWN, describe_bytes, identify, is_n5, is_pattern
 from splatgl.readers.heightmap import terrain_from_heights
@@ -36,8 +33,6 @@ def _import_function(name: str) -> Any:
 
 # most characters of a message after the path: some quote the file
 LINE_LIMIT = 400
-# files of a folder among which a name is looked for
-MOST_NAMES = 1000
 
 
 @with_keywords(keywords_of(LoadOptions))
@@ -93,6 +88,8 @@ def find_labels(path: Path, options: LoadOptions, name: str) -> str | None:
 
 
 def _load(path: Path, options: LoadOptions) -> Volume:
+    if not is_pattern(path):
+        require_existing(path, "path")
     form = _find_format(path, options)
     _check_file(path, form, options)
     named = next((known for known in FORMATS if _suffix(path, known) not in ("", ".zip")), form)
@@ -188,20 +185,9 @@ def _suffix(path: Path, form: Format) -> str:
     return next((suffix for suffix in form.suffixes if path.name.lower().endswith(suffix)), "")
 
 
-def _similar_name(path: Path) -> str:
-    """`did you mean …?` with the most similar name in the folder; "" if there is none."""
-    is_listed = path.parent.is_dir() and os.access(path.parent, os.R_OK)
-    names = islice(path.parent.iterdir() if is_listed else (), MOST_NAMES)
-    similar = get_close_matches(path.name, [file.name for file in names if file.name != path.name], 1, SIMILAR)
-    return f"did you mean {similar[0]}?" if similar else ""
-
-
 def _check_file(path: Path, form: Format, options: LoadOptions) -> None:
-    """Raises InputError for no file, no bytes, another format and unsupported options, before any reader runs."""
-    is_folder = path.is_dir() or is_pattern(path)
-    kind = "folder" if is_folder else "file"
-    if not (path.exists() or is_folder):
-        raise expected("path", "a file", "nothing of that name", _similar_name(path) or "check the path")
+    """Raises InputError for no bytes, another format and unsupported options, before any reader runs."""
+    kind = "folder" if path.is_dir() or is_pattern(path) else "file"
     if kind not in form.kinds:
         raise expected("path", f"a {form.title} folder" if "file" not in form.kinds else "a file", f"a {kind}")
     if kind == "file" and path.stat().st_size == 0:
@@ -213,10 +199,10 @@ def _refuse_options(form: Format, options: LoadOptions) -> None:
     """Raises InputError for options that the format doesn't support."""
     if options.values == "heights" and "relief" not in form.takes:
         raise expected("values", f"labels or amounts for {form.title}", "heights")
-    refused = sorted(options.given - {"spacing", "values", *form.takes})
+    known = (*(() if "point_size" in form.takes else ("spacing", "values")), *form.takes)
+    refused = sorted(options.given - set(known))
     if refused:
-        known = ", ".join(("spacing", "values", *form.takes))
-        raise expected("options", f"some of {known} for {form.title}", ", ".join(refused))
+        raise expected("options", f"some of {', '.join(known)} for {form.title}", ", ".join(refused))
 
 
 ENDINGS = (".label", ".lbl", ".txt")

@@ -14,6 +14,7 @@ import numpy as np
 
 from splatgl.data.mesh import SIDES, Mesh, ring_points
 from splatgl.errors import InputError, expected, import_extra
+from splatgl.fileio import require_existing
 from splatgl.readers.common import decoder_errors, silence_libraries
 from splatgl.readers.polygons import DEFAULT, Polygons, read_obj, read_off, read_ply_polygons
 from splatgl.readers.vtk_cells import read_cells, read_count, read_points
@@ -50,12 +51,13 @@ def load_mesh(
     no mesh, for an unknown array, and for a map without numbers.
     """
     file = Path(path)
+    require_existing(file, path)
     read = MESHES.get(file.suffix.lower())
     if read is None:
         raise expected(path, f"a mesh: {', '.join(sorted(MESHES))}", file.suffix or "no ending")
     try:
         if not file.is_file():
-            raise InputError("expected a file, got " + ("a folder" if file.is_dir() else "nothing of that name"))
+            raise InputError("expected a file, got a folder, pipe or device")
         # a file's contents are untrusted: any failure is attributed to the file
         with silence_libraries(), decoder_errors("a mesh"):
             mesh = read(file, radius, array)

@@ -295,7 +295,7 @@ _HDF5 = ("array", "channel", "time", "anywhere")
 _TIFF = ("array", "channel", "level", "time", "series")
 _MICROSCOPE = ("array", "channel", "time", "series")
 
-# all formats; each takes `spacing` and `values` too
+# all formats; each but points takes `spacing` and `values` too
 FORMATS = (
     Format("NumPy", (".npy",), "raw.read_npy", ("channel",)),
     Format("NumPy archive", (".npz",), "raw.read_npz", ("array", "channel")),

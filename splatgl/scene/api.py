@@ -14,10 +14,10 @@ from splatgl.data.image import Image
 from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import expected
 from splatgl.fileio import parse_bytes
-from splatgl.options import by_fields, checked, keyword, keywords_of, names_of, refuse_unknown, with_keywords
+from splatgl.options import by_fields, checked, is_number, keyword, keywords_of, names_of, refuse_unknown, with_keywords
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
-from splatgl.scene.draw import DrawOptions, depths, draw, draw_subject
+from splatgl.scene.draw import DrawOptions, depths_of, draw, draw_subject
 from splatgl.scene.meshes import VECTORS, MeshFile, Vectors
 from splatgl.scene.mixing import DISPLAY, LINEAR, MIXING, display_image, display_scene, display_settings
 from splatgl.scene.open_scene import OpenScene
@@ -31,6 +31,7 @@ from splatgl.splat.transfer_files import SUFFIXES
 if TYPE_CHECKING:
     from splatgl.keywords import RenderKeywords
     from splatgl.splat.camera import Camera
+    from splatgl.splat.scene import Scene
 
 
 # options of the transfer function that are keywords; `shading` is a setting
@@ -53,7 +54,7 @@ KEYWORDS = {
     "mixing": keyword("mixing", MIXING.kind.hint, LINEAR),
     **keywords_of(ArrayOptions),
     **keywords_of(LoadOptions, *names_of(LoadOptions), flags=True),
-    # the unit of an array's lengths, or the length that opacities refer to
+    # text: the unit of an array's lengths; a number: the length that opacities refer to
     "unit": keyword("unit", "str | float | None"),
 }
 
@@ -67,17 +68,23 @@ def depth_map(
     at: float | str | None = None,
     **options: Unpack[RenderKeywords],
 ) -> np.ndarray:
-    """Returns the eye-space depths of the picture that `render` draws with the same arguments: float64 [H, W], world
-    units along the view direction, of rays through pixel centres, row 0 on top; NaN where a ray meets no matter.
+    """Returns the eye-space depths of the picture that `render` draws with the same arguments, also of a Scene:
+    float64 [H, W], world units along the view direction, of rays through pixel centres, row 0 on top; NaN where a ray
+    meets no matter.
 
     at: a share from 0 (the first matter) to below 1: the depth at which the ray has lost this share of its light;
     "max" or "min": the depth of the largest or least value; None: ½, or the value that mip and minip show. Needs no
     OpenGL. Raises InputError like `render`, and for splats and volumes that are read in parts.
     """
     if is_splats(x):
-        raise expected("depths", "a volume, an array or a file", "splats")
-    file, _ = scene_of(x, transfer, camera, settings, options)
-    return depths(OpenScene.read(file), at)
+        raise expected("depths", "a volume, an array, a file or a scene", "splats")
+    if is_scene(x):
+        _refuse_transfer(transfer)
+        layers, view, look, _ = view_of(x, camera, settings, options)
+        return depths_of(layers, view, look, at)
+    scene = OpenScene.read(scene_of(x, transfer, camera, settings, options)[0])
+    # the planes of the settings are the scene's
+    return depths_of(scene.scene, scene.camera, replace(scene.file.settings, clip=()), at)
 
 
 @with_keywords(KEYWORDS)
@@ -100,10 +107,11 @@ def render(
     and labels (a segmentation); vectors ("magnitude", "direction"), streamlines, arrows (their number, or True);
     surfaces (smoothing of segmentations, or True); clip (a condition or plane, or several), crop, mask (anything
     that `Volume.masked` accepts, or several); meshes; annotate (names as on the command line); threshold, memory;
-    options of `load` or `Volume.of` (spacing, array, …); of a Scene or plotter `mixing`: "linear" light, or
-    "display" values as VTK mixes them. background: linear RGB, a name or "#rrggbb"; without one the image is
-    transparent. `info["notes"]` lists the notes that the command prints about a file. `render` does not compare the
-    picture with the float64 reference; `check` does. Raises InputError for bad input, and if nothing is visible.
+    unit (a number: the length that opacities refer to; text: the unit of an array's lengths); options of `load` or
+    `Volume.of` (spacing, array, …); of a Scene or plotter `mixing`: "linear" light, or "display" values as VTK mixes
+    them. background: linear RGB, a name or "#rrggbb"; without one the image is transparent. `info["notes"]` lists the
+    notes that the command prints about a file, and on options without effect. `render` does not compare the picture
+    with the float64 reference; `check` does. Raises InputError for bad input, and if nothing is visible.
 
     ```python
     image = sg.render("head.nii.gz", "mri", azimuth=60, size=200, background="white")
@@ -111,8 +119,7 @@ def render(
     ```
     """
     if is_scene(x):
-        if transfer is not None:
-            raise expected("transfer", "none beside a scene, whose layers have theirs", type(transfer).__name__)
+        _refuse_transfer(transfer)
         return picture_of(x, camera, settings, options)
     scene, memory = scene_of(x, transfer, camera, settings, options)
     return picture(x, scene, memory)
@@ -128,13 +135,11 @@ def picture(x: Any, file: SceneFile, memory: int | None = None, needs_background
         if not len(x):
             raise expected("splats", "at least one", "none")
         image = draw_subject(x, file.view.camera(x, x), file.settings, drawing)
-        return Image(image.pixels, {**image.info, "version": __version__, "source": x.name})
+        info = {"version": __version__, "source": x.name, **({} if file.view.dpi is None else {"dpi": file.view.dpi})}
+        return Image(image.pixels, {**image.info, **info})
     has_default = needs_background and "background" not in file.settings.given
     scene = OpenScene.read(replace(file, auto_background=has_default))
-    image = draw(scene, drawing)
-    drawn_notes = image.info.get("notes", ())
-    notes = (*scene.volume.notes, *(drawn_notes if isinstance(drawn_notes, tuple) else ()))
-    return replace(image, info={**image.info, **({"notes": notes} if notes else {})})
+    return draw(scene, drawing).with_notes(scene.volume.notes)
 
 
 def is_splats(x: Any) -> bool:
@@ -151,7 +156,10 @@ def scene_of(
 ) -> tuple[SceneFile, int | None]:
     """Returns the scene of `x` with the arguments of `render`, and the memory limit; for splats without a volume."""
     rest, transfer = by_fields(options, Transfer, SceneFile, LoadOptions), _transfer(transfer)
-    memory, drawing = rest.pop("memory", None), names_of(ViewOptions, Settings)
+    beside = [name for name in ("preset", "file") if rest.get(name)]
+    if beside and transfer:
+        raise expected(beside[0], "none beside a transfer function", repr(rest[beside[0]]), "leave one of them out")
+    drawing = names_of(ViewOptions, Settings)
     if rest.get("annotate") is None:
         rest.pop("annotate", None)
     if is_splats(x):
@@ -165,7 +173,10 @@ def scene_of(
         for name in rest:
             allowed = f"options of the view, the settings, or {', '.join(reading)}"
             refuse_unknown("options", [name], known, allowed)
-        scene = _source(x, {name: rest.pop(name) for name in reading if name in rest})
+        # a number is the length that opacities refer to
+        of_transfer = {"unit"} if is_number(rest.get("unit")) else set()
+        scene = _source(x, {name: rest.pop(name) for name in reading if name in rest and name not in of_transfer})
+    memory = rest.pop("memory", None)
     if settings is not None:
         if not isinstance(settings, Settings):
             raise expected("settings", "Settings", type(settings).__name__)
@@ -173,7 +184,7 @@ def scene_of(
     if camera is not None:
         viewing = [name for name in names_of(ViewOptions) if name in rest]
         scene = replace(scene, view=_fixed(camera, viewing))
-    scene = replace(scene, transfer={**scene.transfer, **transfer}).with_options(**rest)
+    scene = scene.with_transfer(transfer).with_options(**rest)
     scene = scene if "blend" in rest else scene.with_preset_blend()
     return scene, parse_bytes(memory) if isinstance(memory, str) else memory
 
@@ -215,18 +226,24 @@ def _transfer(transfer: Any) -> dict[str, Any]:
 ORBIT = ("azimuth", "elevation", "fov", "size", "zoom", "up")
 
 
+def _refuse_transfer(transfer: Any) -> None:
+    if transfer is not None:
+        raise expected("transfer", "none beside a scene, whose layers have theirs", type(transfer).__name__)
+
+
 def is_scene(x: Any) -> bool:
     """Whether `x` is a scene of layers, a PyVista plotter, or a VTK window or renderer. Imports none of them."""
     layers = any(base.__module__ == "splatgl.splat.scene" for base in type(x).__mro__)
     return layers or any(hasattr(getattr(x, "renderer", x), name) for name in ("GetVolumes", "GetRenderers"))
 
 
-def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options: Mapping[str, Any]) -> Image:
-    """Draws a scene of layers, or the view of a plotter on the plotter's background.
+def view_of(
+    x: Any, camera: Camera | None, settings: Settings | None, options: Mapping[str, Any]
+) -> tuple[Scene, Camera, Settings, str]:
+    """The layers, view, settings and mixing of a scene of layers, or of a plotter.
 
-    For a plotter scalar bars and texts are drawn where it has them, and info["notes"] lists the differences from its
-    own picture. camera, settings: replace the plotter's. options: fields of Settings, `mixing`, and options of the
-    view; for a plotter only the size.
+    camera, settings: replace the plotter's. options: fields of Settings, `mixing`, and options of the view; for a
+    plotter only the size.
     """
     from splatgl.splat.camera import Camera
     from splatgl.splat.scene import Scene
@@ -244,9 +261,18 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
         viewing["size"] = ViewOptions(viewing["size"]).size
     scene = x if layers else Scene.of(x)
     view = camera or (Camera.orbit(scene, **{"azimuth": 30.0, "elevation": 20.0, **viewing}) if layers else None)
-    view = view or Camera.of(x, viewing.get("size"))
     base = replace(settings or (Settings() if layers else Settings.of(x)), **drawing)
-    shared = DrawOptions(is_shared=True, check=0)
+    return scene, view or Camera.of(x, viewing.get("size")), base, mixing
+
+
+def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options: Mapping[str, Any]) -> Image:
+    """Draws a scene of layers, or the view of a plotter on the plotter's background; arguments as of `view_of`.
+
+    For a plotter scalar bars and texts are drawn where it has them, and info["notes"] lists the differences from its
+    own picture.
+    """
+    scene, view, base, mixing = view_of(x, camera, settings, options)
+    layers, shared = scene is x, DrawOptions(is_shared=True, check=0)
     if mixing == DISPLAY and (layers or not BLENDS[base.blend].unbounded):
         image = draw_subject(display_scene(scene), view, display_settings(base), shared)
         image = display_image(image, base.background)

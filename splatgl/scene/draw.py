@@ -18,7 +18,7 @@ from splatgl.annotations.annotate import check_time
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, format_bytes, parse_bytes
-from splatgl.options import Group, Kind, check_options, declared, option
+from splatgl.options import Group, Kind, check_options, declared, no_effect, option
 from splatgl.platforms import BACKENDS
 from splatgl.scene.open_scene import PATIENCE, OpenScene, provenance_of
 from splatgl.scene.slice_sheet import draw_slices
@@ -200,26 +200,35 @@ def draw(scene: OpenScene, how: DrawOptions) -> Image:
     """Draws a scene in this process, with its provenance and annotations."""
     check_time(scene.file.annotate)
     if scene.file.slices:
-        return draw_slices(scene)
-    level, info, image = scene, dict[str, object](), None
+        image = draw_slices(scene)
+        print_lines(image.notes, scene.is_quiet)
+        return image
+    level, info, drawn = scene, dict[str, object](), None
     if scene.is_single:
         scene.check_masks()
         if scene.volume.coarser:
             level, info = _choose_level(scene, how)
-        image = _draw_in_bricks(level, how)
+        drawn = _draw_in_bricks(level, how)
     else:
         how.check_supported("layers", "a picture of one volume", "layers" if scene.file.layers else "meshes")
         scene.check_fits(how.memory)
-    if image is None:
+    if drawn is not None:
+        image = drawn
+    else:
         with how.open_early() as opening:
             image = draw_subject(level.subject, level.camera, level.settings, opening)
+        if how.memory is not None and scene.is_single and (scene.file.threshold or level.splats.post is None):
+            why = "only values classified after reconstruction, without a threshold, are drawn in bricks"
+            image = image.with_notes(no_effect(["memory"], why))
     if not (image.info["splats"] or image.info.get("triangles")):
         raise level.nothing_visible()
     return finish(Image(image.pixels, {**image.info, **info}), scene)
 
 
 def finish(image: Image, scene: OpenScene) -> Image:
-    """Adds the provenance and the annotations of its scene to a picture."""
+    """Adds the provenance and the annotations of its scene to a picture; prints the notes on it."""
+    told = scene.scene.notes if not scene.is_single else ()
+    print_lines([note for note in image.notes if note not in told], scene.is_quiet)
     dpi = scene.file.view.dpi
     on_paper = {} if dpi is None else {"dpi": dpi}
     image = Image(image.pixels, {**image.info, **provenance_of(scene.file, scene.transfer), **on_paper})
@@ -266,10 +275,8 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
             print(f"{reason}: drawn in {len(bricks.low):,} bricks, nearest first")
         if how.explain:
             print(renderer.plan(bricks.whole, scene.camera, scene.settings).explain())
-        for note in () if scene.is_quiet else notes.get("notes", ()):
-            print(f"splatgl: {note}", file=sys.stderr)
         image = renderer.render_bricks(bricks, scene.camera, scene.settings, progress, bands=need.bands(bricks, most))
-    image = Image(image.pixels, {**image.info, **notes})
+    image = image.with_notes(notes)
     return check_bricks(image, bricks, scene.camera, scene.settings, how.check) if image.info["splats"] else image
 
 
@@ -293,6 +300,22 @@ def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, ho
     return image
 
 
+def print_lines(notes: Sequence[str], is_quiet: bool) -> None:
+    """Prints notes on standard error, unless it is to be quiet."""
+    for note in () if is_quiet else notes:
+        print(f"splatgl: {note}", file=sys.stderr)
+
+
+def print_notes_of(
+    renderer: Renderer, subject: Splats | Scene, camera: Camera, settings: Settings, is_quiet: bool
+) -> None:
+    """Prints notes on settings that do not change the frames of a movie."""
+    from splatgl.splat.motion import Motion
+
+    notes = () if is_quiet else renderer.plans(subject, camera, replace(settings, clip=()), Motion()).notes
+    print_lines([note for note in notes if note not in getattr(subject, "notes", ())], is_quiet)
+
+
 def annotate(image: Image, scene: OpenScene) -> Image:
     """Draws the annotations of its scene over a picture, on the background; prints why some are left out."""
     from splatgl.annotations.annotate import annotated, omission_notes, on_ground
@@ -300,17 +323,15 @@ def annotate(image: Image, scene: OpenScene) -> Image:
     color = scene.file.settings.background
     image = annotated(image, scene.annotated_subject, scene.transfer, scene.camera, scene.file.annotate, color)
     image = on_ground(image, None if BLENDS[scene.settings.blend].unbounded else color)
-    if not scene.is_quiet:
-        for note in omission_notes(image):
-            print(f"splatgl: {note}", file=sys.stderr)
+    print_lines(omission_notes(image), scene.is_quiet)
     return image
 
 
-def depths(scene: OpenScene, at: float | str | None) -> np.ndarray:
+def depths_of(scene: Scene, camera: Camera, settings: Settings, at: float | str | None) -> np.ndarray:
     """Depths float64 [H, W] of a scene. at: share of absorbed light, max or min; None: ½, or the value of the blend."""
-    from splatgl.reference import depth_map
+    from splatgl.reference.depth_map import depths
 
-    return depth_map.depths(scene.scene, scene.camera, at, scene.file.settings.but(clip=()))
+    return depths(scene, camera, at, settings)
 
 
 # seconds between two lines of progress, and the share that is done or the seconds after which there is another

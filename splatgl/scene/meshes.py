@@ -170,15 +170,16 @@ def refuse_volume_options(mesh: str, names: Sequence[str]) -> None:
 
 def clipped_meshes(source: str, meshes: tuple[MeshFile, ...], options: Mapping[str, Any]) -> tuple[MeshFile, ...]:
     """The meshes of a scene, and its source if it is one, as options `clip_meshes` and `caps` have planes cut them; as
-    they are without these. Raises InputError for caps of no mesh.
+    they are without these. Raises InputError if there is no mesh.
     """
     caps = options.get("caps")
     if not (caps or options.get("clip_meshes")):
         return meshes
     adds_source = is_mesh(source) and source not in [mesh.file for mesh in meshes]
     cut = [MeshFile(source)] * adds_source + [*meshes]
-    if caps and not cut:
-        raise expected("caps", "a mesh to close", "none", "--mesh adds one")
+    if not cut:
+        name, this = ("caps", "a mesh to close") if caps else ("clip_meshes", "a mesh to cut")
+        raise expected(name, this, "none", "--mesh adds one")
     return tuple(replace(mesh, clip=True, caps=caps or mesh.caps) for mesh in cut)
 
 
@@ -268,11 +269,15 @@ class Vectors:
             return volume
         from splatgl.splat.vector_field import directions, magnitudes
 
-        return magnitudes(volume) if self.show == "magnitude" else directions(volume)
+        with error_prefix("vectors"):
+            return magnitudes(volume) if self.show == "magnitude" else directions(volume)
 
     def meshes(self, volume: Volume) -> list[Mesh]:
         """Streamlines and arrows. Raises InputError for a volume without vectors."""
         from splatgl.splat.vector_field import arrows, streamlines
 
-        lines = [streamlines(volume, self.streamlines, colormap=self.colormap)] if self.streamlines else []
-        return lines + ([arrows(volume, self.arrows, colormap=self.colormap)] if self.arrows else [])
+        meshes = []
+        for name, count, draw in (("streamlines", self.streamlines, streamlines), ("arrows", self.arrows, arrows)):
+            with error_prefix(name):
+                meshes += [draw(volume, count, colormap=self.colormap)] if count else []
+        return meshes

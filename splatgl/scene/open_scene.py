@@ -19,6 +19,7 @@ from splatgl.fileio import budget, format_bytes
 from splatgl.readers.channels import TIME_HINT
 from splatgl.scene.meshes import is_mesh, surfaces_of
 from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.transfer_choice import AMOUNT_KEYS, CHANNEL_KEYS, COLOR_KEYS, with_window
 from splatgl.splat.scissors import cut_volume
 from splatgl.splat.segment_surfaces import is_segmentation
 from splatgl.splat.settings import BLENDS, Settings
@@ -172,7 +173,7 @@ class OpenScene:
             bricks = None if layer.threshold else bricks_of(layer.volume, layer.seen, self.file.settings)
             need = excess_need(bricks, self.file.view.size, most) if bricks else None
             if need is not None:
-                name, fix = layer.volume.name or "layer", "use a smaller volume"
+                name, fix = layer.volume.name or "layer", "give more --memory, or use a smaller volume"
                 raise expected(name, f"a layer that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
 
     def nothing_visible(self) -> InputError:
@@ -317,12 +318,13 @@ def channel_layers(
     file: SceneFile, volume: Volume, transfer: Transfer, planes: tuple[Plane, ...] | None = None
 ) -> list[Layer]:
     """The layers of a volume: one for each of its channels. planes: that clip these layers alone."""
-    from splatgl.splat.scene import Layer, channel_transfers
+    from splatgl.splat.scene import Layer
 
-    colors, windows = (dict(file.transfer.get(name, ())) for name in ("color_of", "window_of"))
+    colors, windows = (dict(file.transfer.get(name, ())) for name in CHANNEL_KEYS)
     if len(volume.channels) < 2:
-        if colors or windows:
-            raise expected("--color-of and --window-of", "several channels", "one", "load more by --channel")
+        for name in CHANNEL_KEYS:
+            if file.transfer.get(name):
+                raise expected(name, "several channels", "one", "load more by --channel")
         uncut = file.uncut or None
         # the stand-in of a mesh has no matter, whatever the transfer function
         is_visible = file.visible and not is_mesh(file.volume)
@@ -334,13 +336,27 @@ def channel_layers(
     elif all(channel.labels for channel in volume.channels) and not (colors or windows):
         transfers = [_segment_transfer(file, channel) for channel in volume.channels]
     else:
-        # the opacity of the scene is a factor of each transfer function
-        plain = replace(file, opacity=1.0)
-        base = plain.transfer_for(volume) if file.transfer.keys() & {"points", "preset"} else None
-        transfers = [look.weakened(file.opacity) for look in channel_transfers(volume, colors, windows, base)]
+        transfers = _channel_looks(file, volume, colors, windows)
     channels = zip(volume.channels, transfers, strict=True)
     uncut = file.uncut or None
     return [Layer(channel, look, 1.0, file.visible, file.threshold, planes, uncut=uncut) for channel, look in channels]
+
+
+def _channel_looks(
+    file: SceneFile, volume: Volume, colors: dict[str, str], windows: dict[str, tuple[float, float]]
+) -> list[Transfer]:
+    """The transfer functions of channels: the file's for each, in the colours and over the windows of channels."""
+    from splatgl.splat.scene import channel_transfers
+
+    # the opacity of the scene is a factor of each transfer function
+    plain, keys, bases = replace(file, opacity=1.0), file.transfer.keys(), None
+    if keys & (AMOUNT_KEYS - set(COLOR_KEYS) | {"preset"}):
+        bases = [plain.transfer_for(channel) for channel in volume.channels]
+    elif window := with_window(dict(file.transfer)).get("window"):
+        windows = {**{str(number): window for number in range(len(volume.channels))}, **windows}
+    looks = channel_transfers(volume, colors, windows, bases)
+    looks = [replace(look, unit=file.transfer["unit"]) for look in looks] if file.transfer.get("unit") else looks
+    return [look.weakened(file.opacity) for look in looks]
 
 
 def _segment_transfer(file: SceneFile, channel: Volume) -> Transfer:

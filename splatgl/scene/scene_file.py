@@ -36,7 +36,18 @@ from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import error_prefix, expected
 from splatgl.fileio import load_table, toml_rows, toml_value
-from splatgl.options import Group, Kind, check_options, checked, declared, names_of, non_default, option, refuse_unknown
+from splatgl.options import (
+    Group,
+    Kind,
+    check_options,
+    checked,
+    declared,
+    names_of,
+    no_effect,
+    non_default,
+    option,
+    refuse_unknown,
+)
 from splatgl.readers import find_labels, load
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
@@ -56,12 +67,14 @@ from splatgl.scene.transfer_choice import (
     CHANNEL_KEYS,
     FAINTLY,
     LABEL,
+    LABEL_KEYS,
     REPLACES,
     TransferChoice,
     base_transfer,
     default_colors,
     faint_share,
     is_backdrop,
+    notes_on_looks,
     place_files,
     plain_values,
     read_nodes,
@@ -71,7 +84,7 @@ from splatgl.scene.transfer_choice import (
 )
 from splatgl.scene.view import ViewOptions, orient_flat_stack
 from splatgl.splat.colormaps import base_name, labels_of
-from splatgl.splat.label_detection import MASK, mark_kind
+from splatgl.splat.label_detection import MASK, as_segmentation, mark_kind
 from splatgl.splat.presets import (
     is_preset,
     label_transfer,
@@ -101,6 +114,8 @@ TABLES: dict[str, type] = {
 # keys of the animation; those of keyframes
 TRACK = ("ease", "path", "keyframe")
 ANIMATION = ("turntable", "spin", "axis", "frames", "hold", "fps", *TRACK)
+# options of voxels, which clouds of points do not have
+OF_VOXELS = ("threshold", "mask", "uncut", "scissors", "slices", "slice_planes")
 # keys of a layer that are not options; options of a scene and its layers with values that TOML can hold
 LAYER = ("volume", "load", "transfer")
 PLAIN = ("title", "threshold", "opacity", "visible", "clip", "crop", "mask", "uncut", "surfaces")
@@ -343,31 +358,40 @@ class SceneFile:
         meshes = (*self.meshes, *map(MeshFile.of, several(scene_options.pop("meshes", ()))))
         meshes = clipped_meshes(self.volume, meshes, options)
         if is_mesh(self.volume):
-            of_first = [*transfer, *(name for name in ("crop", "uncut", "threshold", "surfaces") if options.get(name))]
+            of_volumes = ("crop", "uncut", "threshold", "surfaces", *VECTORS)
+            of_first = [*transfer, *(name for name in of_volumes if options.get(name))]
             is_clipped = any(mesh.clip for mesh in meshes)
-            of_all = [name for name in ("mask", "scissors", "clip") if options.get(name)] if not layers else []
+            # an array has no truth value
+            given = [name for name in ("mask", "scissors", "clip") if options.get(name) is not None]
+            of_all = [name for name in given if several(options[name])] if not layers else []
             refuse_volume_options(self.volume, of_first + [name for name in of_all if name != "clip" or not is_clipped])
         base = Settings.paper() if options.get("paper") else self.settings
         base = Settings.like(options["like"], **base.given) if options.get("like") else base
         settings = {name: options[name] for name in names_of(Settings) if name in options}
-        replaced = {name for given in transfer for name in REPLACES.get(given, ())}
-        kept = {name: value for name, value in self.transfer.items() if name not in replaced}
         return replace(
-            self,
+            self.with_transfer(transfer),
             **scene_options,
             layers=layers,
             meshes=meshes,
             load=reading,
-            transfer={**kept, **transfer},
             view=self.view.changed(**{name: options[name] for name in names_of(ViewOptions) if name in options}),
             vectors=replace(self.vectors, **{VECTORS[name]: options[name] for name in VECTORS if name in options}),
             settings=replace(base, **settings),
         )
 
+    def with_transfer(self, keys: Mapping[str, Any]) -> SceneFile:
+        """Returns the scene with keys of its transfer function, which replace those that say the same, or all looks."""
+        replaced = {name for given in keys for name in REPLACES.get(given, ())}
+        if declared(Transfer).keys() <= keys.keys():
+            replaced = self.transfer.keys() - {*CHANNEL_KEYS, "name_of"}
+        kept = {name: value for name, value in self.transfer.items() if name not in replaced}
+        return replace(self, transfer={**kept, **keys})
+
     def _find_labels(self, name: Any, reading: dict[str, Any]) -> SceneFile:
         """Returns the labels in memory or in a file, or those of that name beside the image in a Zarr store. An array
         without a grid, of as many samples as the volume in memory, has that volume's grid.
         """
+        of_labels = {"values": "labels"}
         if not isinstance(name, str | Path):
             labels = Volume.of(name, values="labels")
             if self.held is not None and isinstance(name, np.ndarray) and labels.shape == self.held.shape:
@@ -376,10 +400,10 @@ class SceneFile:
             return SceneFile(labels.name or "labels", held=labels)
         name = str(name)
         if self.volume in SCENES or is_address(self.volume) or is_address(name) or Path(name).exists():
-            return SceneFile(name)
+            return SceneFile(name, of_labels)
         array = find_labels(Path(self.volume), LoadOptions(**reading), name)
         time = {key: reading[key] for key in ("time",) if key in reading}
-        return SceneFile(name) if array is None else SceneFile(self.volume, load={"array": array, **time})
+        return SceneFile(*(name, of_labels) if array is None else (self.volume, {"array": array, **time, **of_labels}))
 
     def to_toml(self, folder: Path | None = None) -> str:
         """Returns the scene as TOML text for a file in `folder`; paths below `folder` are relative, others absolute.
@@ -454,7 +478,7 @@ class SceneFile:
         """Returns the masked volume of a built-in scene, a file or memory; a flat stack gets its view direction."""
         volume = self._open()
         faint = [FAINTLY] * is_backdrop(self, volume)
-        notes = (*self.view.notes(volume.frame), *self._window_notes(volume), *faint)
+        notes = (*self.view.notes(volume.frame), *self._window_notes(volume), *self._unused_notes(volume), *faint)
         return replace(volume, notes=(*volume.notes, *notes)) if notes else volume
 
     def _window_notes(self, volume: Volume) -> tuple[str, ...]:
@@ -467,11 +491,22 @@ class SceneFile:
         question = window_question(volume, window)
         return (question,) if question else ()
 
+    def _unused_notes(self, volume: Volume) -> list[str]:
+        """Returns notes on options without effect. Raises InputError for options of voxels beside a cloud of points."""
+        of_scene = [name for name in OF_VOXELS if getattr(self, name) not in (None, "", (), 0.0)]
+        notes = notes_on_looks(self.transfer, volume, self.settings.blend, of_scene)
+        if not (self.clip or self.crop or self.settings.clip):
+            of_meshes = ["caps" if mesh.caps else "clip_meshes" for mesh in self.meshes if mesh.clip]
+            notes += no_effect([*["uncut"] * bool(self.uncut), *dict.fromkeys(of_meshes)], "neither clip nor crop cuts")
+        return notes
+
     def _open(self) -> Volume:
         if self.held is not None:
             return self._prepare(self.held)
         if self.volume in SCENES and not self.load:
             return self._mask(SCENES[self.volume]())
+        if self.volume in SCENES and not Path(self.volume).exists():
+            raise expected("options", "none of reading for a built-in scene", ", ".join(self.load), "leave them out")
         if is_mesh(self.volume):
             if self.load:
                 raise expected("options", "none of volumes for a mesh", ", ".join(self.load), "leave them out")
@@ -494,14 +529,18 @@ class SceneFile:
 
     def _with_kind(self, volume: Volume) -> Volume:
         """Returns the volume as labels or amounts; options of the transfer function decide, too."""
-        if "only_labels" in self.transfer:
-            return volume.rounded() or volume
-        if "preset" in self.transfer:
+        # () of only_labels are all
+        keys = self.transfer.keys()
+        named = [name for name in LABEL_KEYS if name in keys and (name == "only_labels" or self.transfer[name])]
+        if named:
+            volume = volume.rounded() or volume
+        elif "preset" in self.transfer:
             return volume
         marked = mark_kind(volume)
+        if named:
+            return replace(as_segmentation(marked, named[0], self.volume), notes=volume.notes)
         if self.surfaces is not None and marked.hints.values == MASK:
-            # two values, one of which is a segment
-            return marked.of_values("labels")
+            return as_segmentation(marked, "surfaces", self.volume)
         if self.transfer.keys() & AMOUNT_KEYS and volume.labels is None:
             return replace(marked.of_values("amounts") if marked.labels is not None else marked, notes=volume.notes)
         return marked
@@ -568,7 +607,11 @@ class SceneFile:
         chosen = {key: value for key, value in self.transfer.items() if key not in (*CHANNEL_KEYS, "name_of")}
         keys = with_window(chosen)
         name = keys.pop("preset", None)
+        if volume.labels is not None and "labels" not in keys and keys.keys() & AMOUNT_KEYS:
+            conflicts = ", ".join(sorted(chosen.keys() & AMOUNT_KEYS))
+            raise expected("labels", "none of the options of amounts", conflicts, "--values amounts draws amounts")
         if "only_labels" in keys:
+            keys |= {"preset": name} if name is not None else {}
             refuse_unknown("transfer of labels", keys, ("only_labels", "unit", "shading"))
             base = label_transfer(volume, [(int(n), float(f)) for n, f in keys.pop("only_labels")] or None)
             return replace(base, **keys)

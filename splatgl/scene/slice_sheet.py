@@ -16,10 +16,13 @@ from splatgl.annotations.canvas import Canvas, Scale, Subject
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.options import names_of, no_effect, non_default
 from splatgl.scene.open_scene import provenance_of
+from splatgl.scene.view import ViewOptions
 
 if TYPE_CHECKING:
     from splatgl.scene.open_scene import OpenScene
+    from splatgl.scene.scene_file import SceneFile
     from splatgl.splat.slice_images import Painter
     from splatgl.splat.slices import SlicePlane
 
@@ -27,6 +30,8 @@ if TYPE_CHECKING:
 GAP, LETTERS = 2, 7
 # annotations of a sheet, and the margins that they take at the right, the top and the bottom, font heights
 ANNOTATIONS = {"scale": (0, 0, 3.5), "colorbar": (11.5, 0, 0), "title": (0, 2.5, 0)}
+# options of the view that slices have
+OF_SLICES = ("size", "zoom", "up", "dpi", "width")
 # samples along a side of a pixel: at least of labels, whose borders are sharp, and at most
 LABELS, MOST = 3, 8
 
@@ -106,7 +111,16 @@ def draw_slices(scene: OpenScene) -> Image:
         "seconds": round(time.perf_counter() - started, 6),
         **({} if file.view.dpi is None else {"dpi": file.view.dpi}),
     }
-    return _annotated(Image(pixels, {**info, **provenance_of(file, scene.transfer)}), scene, sheet)
+    image = Image(pixels, {**info, **provenance_of(file, scene.transfer)}).with_notes(_unused_notes(file))
+    return _annotated(image, scene, sheet)
+
+
+def _unused_notes(file: SceneFile) -> list[str]:
+    """A note on settings and options of a view in space, which slices do not have; presets state a blend, too."""
+    of_preset = {"blend"} if "preset" in file.transfer else set()
+    given = [name for name in file.settings.given if name not in ("background", "clip", *of_preset)]
+    viewing = [name for name in names_of(ViewOptions) if name in non_default(file.view) and name not in OF_SLICES]
+    return no_effect([*given, *viewing], "slices have no view in space")
 
 
 def _paint(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ import numpy as np
 from splatgl.data.color import srgb_of_name
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.options import Group, Kind, checked, declared, option
+from splatgl.options import Group, Kind, checked, declared, no_effect, option
 from splatgl.splat.colormaps import base_name
 from splatgl.splat.grid import Grid
 from splatgl.splat.presets import default_transfer, preset
@@ -32,12 +32,19 @@ CHANNEL_KEYS = ("color_of", "window_of")
 AMOUNT_KEYS = frozenset(
     ("points", "curve", "colormap", "colors", "window", "level_width", "scale", "gradient", "iso", "regions", "file")
 )
+# keys of the colours of amounts, and of the segments of a segmentation
+COLOR_KEYS = ("colormap", "colors", "window", "level_width")
+LABEL_KEYS = ("only_labels", "name_of")
 # keys that state opacities
 STATED = frozenset(("preset", "file", "points", "curve", "regions", "only_labels"))
+# keys of the look that a preset or a file states
+LOOK_KEYS = ("points", "curve", *COLOR_KEYS, "scale", "shading")
 # keys that options replace
 REPLACES: dict[str, tuple[str, ...]] = {
     **{"curve": ("points",), "points": ("curve",), "colormap": ("colors",)},
     **{"colors": ("colormap", "window", "level_width"), "window": ("level_width",), "level_width": ("window",)},
+    "preset": ("file", *LOOK_KEYS),
+    "file": ("preset", "unit", *LOOK_KEYS),
 }
 # number of a label
 LABEL = Kind.whole(-(2**63), 2**63)
@@ -247,6 +254,27 @@ def base_transfer(name: str | None, keys: dict[str, Any], volume: Volume) -> Tra
     if name is None and keys.get("regions") and "curve" not in keys:
         return Transfer(regions=keys["regions"])
     return preset(name, volume) if name else default_transfer(volume)
+
+
+def notes_on_looks(keys: Mapping[str, Any], volume: Volume, blend: str, of_scene: Sequence[str]) -> list[str]:
+    """Returns notes on keys of a transfer function that do not change a volume's look. of_scene: names of further
+    options of voxels that are given. Raises InputError for both beside a cloud of points.
+    """
+    named = [name for name, value in keys.items() if value not in (None, "", (), [])]
+    # all fields are those of one transfer function, in which each is stated
+    stated = [] if declared(Transfer).keys() <= keys.keys() else named
+    if volume.points is not None:
+        for name in [*(name for name in stated if name not in ("points", "shading")), *of_scene]:
+            fix = "points have colours of their own, and the opacity of the value 1"
+            raise expected(name, "a volume of voxels", f"{len(volume.points):,} points", fix)
+    notes = []
+    if volume.color is not None:
+        of_amounts = COLOR_KEYS[:2] if blend == "mip" else COLOR_KEYS
+        notes += no_effect([name for name in of_amounts if name in stated], "the volume has colours of its own")
+    if len(volume.channels) > 1:
+        of_one = [name for name in COLOR_KEYS[:2] if name in stated]
+        notes += no_effect(of_one, "each channel has its colour; see color_of")
+    return notes
 
 
 def place_files(keys: Mapping[str, Any], place: Callable[[str], str]) -> dict[str, Any]:

@@ -146,8 +146,6 @@ class ViewOptions:
         if self.view is not None and beside:
             raise expected("view", "a standard view or angles", f"{self.view} and {' and '.join(beside)}")
         if self.width is not None:
-            if min(self.size) < 1:
-                raise expected("size", "a positive width and height", f"{self.size[0]}×{self.size[1]}")
             dpi = self.dpi or PRINT_DPI
             pixels = max(round(read_paper_width(self.width) / INCH * dpi), 1)
             object.__setattr__(self, "dpi", dpi)

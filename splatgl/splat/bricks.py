@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -300,13 +300,13 @@ class Need:
         room = max(memory - self._fixed(bricks), LEAST)
         return int(np.clip(-(-self._parted // room), 1, MOST_BANDS))
 
-    def notes(self, bricks: Bricks, memory: int) -> dict[str, tuple[str, ...]]:
-        """A note if a picture in bricks takes more than `memory` bytes, beyond those of an empty run; as info."""
+    def notes(self, bricks: Bricks, memory: int) -> tuple[str, ...]:
+        """A note if a picture in bricks takes more than `memory` bytes, beyond those of an empty run."""
         least = self._fixed(bricks) + max(-(-self._parted // MOST_BANDS), min(self._parted, LEAST))
         if least <= memory:
-            return {}
+            return ()
         got = f"expected at least {format_bytes(least)} for this picture, got {format_bytes(memory)}"
-        return {"notes": (f"memory: {got}: it takes more than that",)}
+        return (f"memory: {got}: it takes more than that",)
 
     def _fixed(self, bricks: Bricks) -> int:
         return BRICKS + THREAD * (bricks.threads - 1) + BATCHED * bricks.batch + self.held
@@ -315,6 +315,13 @@ class Need:
     def _parted(self) -> int:
         """Bytes that bands share."""
         return self.waiting + SAMPLE * self.samples
+
+
+def needed_together(needs: Sequence[Need]) -> Need:
+    """The memory of a picture of several channels, which share its samples and all that one volume needs beside."""
+    shared = (len(needs) - 1) * (FIXED + SAMPLE * needs[0].samples)
+    totals = {name: sum(getattr(need, name) for need in needs) for name in ("splats", "most", "waiting", "held")}
+    return Need(bytes=sum(need.bytes for need in needs) - shared, samples=needs[0].samples, **totals)
 
 
 def estimate_need(bricks: Bricks, pixels: int, enough: int) -> Need:

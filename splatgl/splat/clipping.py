@@ -49,7 +49,7 @@ def check_planes(given: Any) -> tuple[Plane, ...]:
     """Checks rows [n_x, n_y, n_z, d] and scales normals to unit length. Raises InputError for anything else, for zero
     normals, and for too many planes.
     """
-    rows = list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [None]
+    rows = list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
     if len(rows) > MOST_CLIPS:
         raise expected("clip", f"at most {MOST_CLIPS} planes", len(rows))
     return tuple(_plane(row) for row in rows)

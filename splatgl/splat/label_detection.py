@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 from splatgl.splat.grid import distinct
 
 # largest distance from whole numbers of values that are taken for them: scaled integers are off by half the scale
@@ -103,6 +104,17 @@ def mark_kind(volume: Volume) -> Volume:
     why = "areas that blend into each other" if shares.flat else "areas that are not flat"
     note = f"whole numbers in {why} are drawn as amounts: --values labels draws each in a colour"
     return replace(marked, notes=(*volume.notes, note))
+
+
+def as_segmentation(marked: Volume, option: str, source: str) -> Volume:
+    """Returns a volume whose kind is known as labels. Raises InputError, which names the option, for amounts."""
+    if any(part.labels is not None for part in marked.channels or (marked,)):
+        return marked
+    if marked.hints.values != MASK:
+        fix = "--labels FILE adds one; --values labels, if these numbers are names"
+        raise expected(option, "a segmentation", f"amounts in {source}", fix)
+    # two values, one of which is a segment
+    return marked.of_values("labels")
 
 
 def compare_neighbours(triples: list[np.ndarray]) -> Neighbours:

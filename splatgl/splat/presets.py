@@ -426,8 +426,7 @@ def label_transfer(volume: Volume, only: Sequence[tuple[int, float]] | None = No
     InputError for samples that are no labels, and for unknown numbers.
     """
     shown = select_labels(labels_of(volume), only)
-    numbers = [number for number, _, _ in shown] or [0]
-    return Transfer(((min(numbers), 0.0), (max(numbers), SOLID)), labels=shown)
+    return Transfer(() if shown else ((0.0, 0.0), (0.0, SOLID)), labels=shown)
 
 
 def _transfer_from_values(volume: Volume) -> Transfer:

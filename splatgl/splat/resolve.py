@@ -363,8 +363,16 @@ RADIAL_BITS = 32
 
 def has_radial_footprints(settings: Settings) -> bool:
     """Whether footprints depend only on the distance of a ray from the voxel."""
-    exact = settings.align in ("auto", "exact")
-    return exact and settings.footprint != "table" and settings.table_bits == RADIAL_BITS
+    return not _why_table(settings)
+
+
+def _why_table(settings: Settings) -> str:
+    """The setting with which footprints are a table over two axes; "": none."""
+    if settings.align not in ("auto", "exact"):
+        return f"align {settings.align}"
+    if settings.footprint == "table":
+        return "footprint table"
+    return f"table_bits {settings.table_bits}" if settings.table_bits != RADIAL_BITS else ""
 
 
 def why_not_front_to_back(settings: Settings) -> str | None:
@@ -373,7 +381,7 @@ def why_not_front_to_back(settings: Settings) -> str | None:
         return f"target {settings.target}"
     if BLENDS[settings.blend].ordered and settings.order == "back-to-front":
         return "order back-to-front"
-    return None if has_radial_footprints(settings) else "footprints from a table"
+    return _why_table(settings) or None
 
 
 def has_streaks(settings: Settings) -> bool:

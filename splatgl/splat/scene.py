@@ -17,7 +17,7 @@ from splatgl.data.caps import cap_meshes
 from splatgl.data.mask import parse_mask
 from splatgl.data.mesh import OF_VOLUME, Mesh
 from splatgl.data.volume import Volume
-from splatgl.errors import InputError, expected
+from splatgl.errors import InputError, error_prefix, expected
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Box, Plane, flip_planes, parse_planes
 from splatgl.splat.culling import clip_behind_eye
@@ -32,6 +32,7 @@ from splatgl.splat.slice_images import Painted, Painter
 from splatgl.splat.slices import Slice, parse_slices
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
+from splatgl.splat.unused import unused_settings
 
 # optical depth of the brightest values of a channel along the volume's shortest side, so that matter behind shows
 # through; and the least opacity of a voxel
@@ -41,12 +42,16 @@ PALETTE = ("#4a7dff", "#3ddc5a", "#ff4b4b", "#ffd23d", "#38e1e1", "#ff5adf", "#f
 
 
 def channel_transfers(
-    volume: Volume, colors: Mapping[str, str], windows: Mapping[str, tuple[float, float]], base: Transfer | None = None
+    volume: Volume,
+    colors: Mapping[str, str],
+    windows: Mapping[str, tuple[float, float]],
+    bases: Sequence[Transfer] | None = None,
 ) -> list[Transfer]:
     """Transfer functions of a volume's channels: unshaded ramps over a window in a colour.
 
-    colors, windows: by name or number of the channel, instead of those of the file. base: transfer function whose ramp
-    channels without a window have; None: the preset microscopy. Raises InputError for an unknown channel.
+    colors, windows: by name or number of the channel, instead of those of the file. bases: transfer function of each
+    channel, whose ramps channels without a window have; None: the preset microscopy. Raises InputError for an unknown
+    channel.
     """
     names = [channel.name for channel in volume.channels]
     for name in (*colors, *windows):
@@ -59,9 +64,9 @@ def channel_transfers(
         color = next((colors[key] for key in keys if key in colors), None)
         color = color or channel.hints.color or PALETTE[number % len(PALETTE)]
         window = next((windows[key] for key in keys if key in windows), None)
-        if window is None and base is None:
+        if window is None and bases is None:
             window = channel.hints.window
-        ramp = base or preset("microscopy", channel).weakened(full / SURFACE)
+        ramp = bases[number] if bases is not None else preset("microscopy", channel).weakened(full / SURFACE)
         if window is not None:
             ramp = Transfer(((window[0], 0.0), (window[1], full)), unit=ramp.unit)
         transfers.append(replace(ramp, colormap=color, window=None, shading=False))
@@ -113,6 +118,10 @@ class Layer:
         """The part that planes leave whole, and the rest; the layer alone if they cut all of it."""
         if self.uncut is None:
             return [self]
+        with error_prefix("uncut"):
+            return self._cut_parts()
+
+    def _cut_parts(self) -> list[Layer]:
         whole, labels, outside = replace(self.volume, masks=()), list[int](), False
         mask = self.uncut
         if isinstance(mask, str):
@@ -303,7 +312,9 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class ScenePlan:
-    """Plans of the layers of a picture, and its meshes. notes: on the meshes. background: of the picture."""
+    """Plans of the layers of a picture, and its meshes. notes: on the meshes, and on settings without effect.
+    background: of the picture.
+    """
 
     layers: tuple[Plan, ...]
     meshes: tuple[Mesh, ...] = ()
@@ -340,8 +351,10 @@ def plan_scene(
     flows; and with meshes, blends other than composite.
     """
     layers, meshes = subject.drawn(settings), subject.surfaces(settings)
+    is_moving = motion is not None
     if len(layers) == 1 and not meshes:
-        return ScenePlan((plan(layers[0][0], camera, layers[0][1], motion, tiles),))
+        alone = plan(layers[0][0], camera, layers[0][1], motion, tiles)
+        return ScenePlan((alone,), notes=unused_settings([alone], settings, is_moving=is_moving))
     changes: dict[str, Any] = {}
     if motion is not None and not motion.still:
         check_blur_supported("of layers", settings, motion.flow is not None)
@@ -361,7 +374,8 @@ def plan_scene(
         allowed = min(layer.resolved.allowed for layer in plans)
         lit = with_shared_casters([replace(layer.resolved, allowed=allowed) for layer in plans], pairs)
         plans = tuple(replace(layer, resolved=resolved) for layer, resolved in zip(plans, lit, strict=True))
-    return ScenePlan(plans, meshes, subject.notes, settings.background)
+    notes = (*subject.notes, *unused_settings(plans, settings, bool(meshes), is_moving))
+    return ScenePlan(plans, meshes, notes, settings.background)
 
 
 def count_layer_moments(
@@ -404,8 +418,8 @@ def with_shared_casters(resolved: Sequence[Resolved], layers: Sequence[tuple[Spl
 def check_layer(resolved: Resolved, name: str) -> None:
     """Raises InputError for a layer that composites splat by splat, whose order among other layers is unknown."""
     if resolved.look.blend.ordered and resolved.sheets is None and not resolved.boxes:
-        why = f"; {resolved.notes[-1]}" if resolved.notes else ""
-        raise InputError(f"layer {name or 'without a name'}: layers composite in sheets, not splat by splat{why}")
+        why = next((note for note in resolved.notes if note.startswith("sheets")), "compositing splats was asked for")
+        raise InputError(f"layer {name or 'without a name'}: layers composite in sheets, not splat by splat; {why}")
 
 
 def join_pictures(pictures: Sequence[np.ndarray], settings: Settings) -> np.ndarray:

@@ -25,7 +25,7 @@ from splatgl.options import (
     read_pairs,
     refuse_unknown,
 )
-from splatgl.splat.colormaps import check_labels, colormap, interpolate_map, label_color, label_opacity
+from splatgl.splat.colormaps import SOLID, check_labels, colormap, interpolate_map, label_color, label_opacity
 from splatgl.splat.iso import FORM, check_iso, read_iso
 from splatgl.splat.regions import REGION_FORM, Region, check_regions, extinction_of, matter_at
 
@@ -54,16 +54,16 @@ def _nodes(what: str, second: str, pairs: Any) -> Nodes:
 
 
 def _points(pairs: Any) -> Nodes:
-    points = _nodes("transfer points", "opacity", pairs)
-    if not points:
-        raise expected("transfer points", "at least one (value, opacity) pair", "none")
-    return points
+    return _nodes("transfer points", "opacity", pairs)
 
 
-def _hull(regions: Sequence[Region]) -> Nodes:
-    """Transparent points over the values of regions."""
-    ends = [value for region in regions for value in region.values if np.isfinite(value)] or [0.0, 1.0]
-    return ((min(ends), 0.0), (max(ends), 0.0))
+def _hull(regions: Sequence[Region], labels: Sequence[tuple[int, str, float]]) -> Nodes:
+    """Points over the values of regions, transparent, or over the numbers of labels. Raises InputError for neither."""
+    ends = [value for region in regions for value in region.values if np.isfinite(value)]
+    ends = [float(number) for number, _, _ in labels] or ends or [0.0, 1.0] * bool(regions)
+    if not ends:
+        raise expected("transfer points", "at least one (value, opacity) pair, regions or labels", "none")
+    return ((min(ends), 0.0), (max(ends), SOLID if labels else 0.0))
 
 
 def _colormap(name: Any) -> str:
@@ -84,8 +84,8 @@ class Transfer:
     `unit` world lengths (None: the volume's mean spacing). A repeated value is a step, and a value
     exactly there takes the upper side. gradient: (|∇|, weight) nodes in values per world length,
     weights in [0, 1]; none means no influence. regions: further matter in the plane of value and gradient magnitude, as
-    Region or text; extinctions add. With regions, points may be left out. colormap spans `window` (None: first to last
-    point).
+    Region or text; extinctions add. With regions or labels, points may be left out. colormap spans `window`
+    (None: first to last point).
     labels: (number, "#rrggbb", opacity) of each visible label, for samples that number segments; other numbers are
     clear. Points and colormap are then ignored.
     iso: surfaces where the field passes a value, each (value, "#rrggbb" or "", opacity), see `Iso`.
@@ -162,7 +162,7 @@ class Transfer:
         if self.regions and self.labels:
             raise expected("regions", "values with gradients", "labels")
         if not self.points:
-            object.__setattr__(self, "points", _hull(self.regions) if self.regions else _points(()))
+            object.__setattr__(self, "points", _hull(self.regions, self.labels))
         lowest = min(self.points[0][0], *(self.window or ()), self.points[-1][0])
         if self.logarithmic and not lowest > 0:
             raise expected("transfer points and window", "values above 0 on a logarithmic scale", lowest)
@@ -293,7 +293,7 @@ class Transfer:
     def from_table(cls, table: Mapping[str, Any]) -> Transfer:
         """A Transfer from the keys and values of a TOML table. Raises InputError for unknown keys."""
         refuse_unknown("transfer function", table, declared(cls))
-        if "points" not in table and "regions" not in table:
+        if not table.keys() & {"points", "regions", "labels"}:
             raise expected("transfer function", "the key points", ", ".join(table) or "nothing", "points = [[v, a], …]")
         return cls(**table)
 

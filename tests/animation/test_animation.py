@@ -221,6 +221,21 @@ def test_a_scene_says_how_its_movie_moves(here: Path, capsys: pytest.CaptureFixt
         assert message in said and said.count("\n") == 1 and not list(here.glob("x*"))
 
 
+@pytest.mark.parametrize("row", [{"zoom": 1.0}, {"azimuth": 75, "elevation": 10, "zoom": 0.7}])
+def test_a_keyframe_is_the_picture_of_render(row: dict[str, float], here: Path) -> None:
+    """Bit for bit, unless the camera turns: then its distance is that of the whole turn."""
+    track = {"keyframe": [{"frame": 0, **row}]}
+    frame = sg.animate("ball.npy", "z{frame}.npy", keyframes=track, size=32)[0]
+    assert np.array_equal(np.load(frame), sg.render("ball.npy", size=32, **row).pixels)
+
+
+def test_the_size_of_turning_keyframes_is_told(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    np.save("rod.npy", np.pad(np.full((4, 4, 20), 9.0, np.float32), 2))
+    Path("k.toml").write_text("[[keyframe]]\nframe = 0\nazimuth = 90\n[[keyframe]]\nframe = 1\nazimuth = 180\n")
+    assert main(["animate", "rod.npy", "-o", "r{frame}.npy", "--keyframes", "k.toml", "--size", "16"]) == 0
+    assert "the camera fits the whole turn: frame 0 is 0." in capsys.readouterr().err
+
+
 @pytest.mark.long
 def test_keyframes_move_the_camera(here: Path) -> None:
     Path("k.toml").write_text(

@@ -48,6 +48,16 @@ def test_a_picture_of_each_and_errors_at_the_end(here: Path, capsys: Said) -> No
     assert np.array_equal(Image.load("one.png").pixels, Image.load("out/a3.png").pixels)
 
 
+def test_same_tells_of_a_window_that_is_given_once(here: Path, capsys: Said) -> None:
+    """The default window of a CT could be level and width, too, but nobody gave it."""
+    ct = np.where(np.indices((12, 12, 12))[0] > 6, 300, -1000).astype(np.int16)
+    for name in ("c1.npy", "c2.npy", "c3.npy"):
+        np.save(name, ct + (np.indices(ct.shape)[2] % 7).astype(np.int16))
+    for window, count in (((), 0), (("--window", "40,400"), 1)):
+        assert drawn("c1.npy", "c2.npy", "c3.npy", "-o", "{name}.png", "--same", *window) == 0
+        assert capsys.readouterr().err.count("if they are level and width") == count
+
+
 def test_same_camera_and_window(here: Path, capsys: Said) -> None:
     """The second is twice as bright and larger: alone it looks as the first, with --same it does not."""
     assert drawn("a1.npy", "a3.npy", "-o", "{name}.npz.png", "--json") == 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -131,3 +132,20 @@ def test_levels_are_told_and_a_coarse_one_is_measured(tmp_path: Path, monkeypatc
     told = describe(sg.load(tmp_path / "v.zarr"))
     assert "measured   level 1: range, mean and values below" in told and "1 … 1   mean 1" in told
     assert "chunks 16 × 16 × 16" in describe(sg.load(tmp_path / "v.zarr").coarser[0])
+
+
+def test_channels_count_together(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The splats of all channels, as the picture has them; one channel alone has fewer."""
+    z, y, x = np.indices((12, 12, 12))
+    shown = [np.where((x - 6) ** 2 + (y - 6) ** 2 + (z - 6) ** 2 < r * r, 200, 3).astype(np.uint8) for r in (3, 5)]
+    parts = tuple(Volume(samples, name=name) for samples, name in zip(shown, "AB", strict=True))
+
+    def count(volume: Volume) -> int:
+        (line,) = [line for line in describe(volume).splitlines() if "splats take" in line]
+        return int(line.partition("up to about ")[2].split()[0].replace(",", ""))
+
+    both = replace(parts[0], channels=parts)
+    drawn = sg.render(both, size=16).info["splats"]
+    assert count(both) == drawn
+    alone = [count(replace(part, channels=())) for part in parts]
+    assert max(alone) < count(both)

@@ -448,6 +448,24 @@ def test_strict(splatgl_image):
 """
 
 
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (
+            '[tool.splatgl.compare]\nnoise = "drivr"',
+            "[tool.splatgl.compare]: noise: expected none or driver, got 'drivr'",
+        ),
+        ('[tool.splatgl]\nnoise = "driver"', "[tool.splatgl]: expected the table [tool.splatgl.compare], got noise"),
+        ("[tool.splatgl]\ncompare = 3", "[tool.splatgl.compare]: expected a table, got another value"),
+    ],
+)
+def test_a_fault_of_the_project_is_one_line(pytester: pytest.Pytester, table: str, message: str) -> None:
+    (pytester.path / "pyproject.toml").write_text(table)
+    pytester.makepyfile(test_it="def test_it(splatgl_image):\n    pass\n")
+    said = pytester.runpytest().stdout.str().partition("short test summary")[0]
+    assert said.count(message) == 1 and "exception" not in said
+
+
 def test_settings_of_the_project(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     """pyproject.toml, then pytest's configuration, then the test; baselines in one folder, with a class's name."""
     from splatgl.platforms import processor_vendor

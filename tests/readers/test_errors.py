@@ -160,10 +160,10 @@ def test_data_anywhere_is_read_where_that_is_allowed(tmp_path: Path, header: str
 
 
 def test_missing_file_and_folders(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="got nothing of that name"):
+    with pytest.raises(InputError, match="got no such file"):
         load(tmp_path / "none.nrrd")
     (tmp_path / "head.nii.gz").touch()
-    with pytest.raises(InputError, match=r"got nothing of that name; did you mean head\.nii\.gz\?"):
+    with pytest.raises(InputError, match=r"got no such file; did you mean head\.nii\.gz\?"):
         load(tmp_path / "heaad.nii.gz")
     (tmp_path / "folder.nrrd").mkdir()
     for folder in (tmp_path, tmp_path / "folder.nrrd"):

@@ -217,7 +217,10 @@ def test_labels_beside_an_image(tmp_path: Path, capsys: pytest.CaptureFixture[st
     with pytest.raises(InputError, match="labels: expected a file, or one of cells, got 'nuclei'"):
         find_labels(path, LoadOptions(), "nuclei")
     scene = SceneFile(str(path)).with_options(labels="cells")
-    assert scene.layers[0].load == {"array": "labels/cells"} and scene.layers[0].open().shape == SAMPLES.shape
+    assert (
+        scene.layers[0].load == {"array": "labels/cells", "values": "labels"}
+        and scene.layers[0].open().shape == SAMPLES.shape
+    )
     # a field of a well has its own
     plate(tmp_path / "b.zarr", "0.4")
     image(zarr.open_group(tmp_path / "b.zarr/B/3/x", mode="a").create_group("labels/cells"))

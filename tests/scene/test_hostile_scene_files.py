@@ -24,7 +24,10 @@ BAD_TEXT = {
     "long": "#" * (2**20 + 1),
 }
 BAD_VALUES = [
-    ("[camera]\nsize = 'abc'", "size: expected a width and a height in whole pixels, such as 800x600, got 'abc'"),
+    (
+        "[camera]\nsize = 'abc'",
+        "size: expected a width and a height of at least one whole pixel, such as 800x600, got 'abc'",
+    ),
     ("[camera]\nsize = [1.5, 2]", "size: expected a width and a height"),
     ("[camera]\neye = [1, 2]", "eye: expected 3 finite numbers"),
     ("[camera]\nfov = 'wide'", "fov: expected one finite number, got 'wide'"),

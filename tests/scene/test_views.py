@@ -99,7 +99,7 @@ def test_pixels_of_a_width_on_paper(options: dict[str, Any], size: tuple[int, in
 def test_other_widths_are_refused(text: str) -> None:
     with pytest.raises(InputError, match="width: expected a length such as 85mm"):
         ViewOptions(width=text)
-    with pytest.raises(InputError, match="size: expected a positive width and height, got 0×4"):
+    with pytest.raises(InputError, match="size: expected a width and a height of at least one whole pixel"):
         ViewOptions(width="85mm", size=(0, 4))
 
 

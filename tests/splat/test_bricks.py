@@ -345,8 +345,8 @@ def test_less_memory_means_fewer_threads_smaller_batches_and_a_note(
     small, middle, large = (bricks.limited(memory << 20) for memory in (100, 1024, 8192))
     assert (small.threads, small.batch) == (1, bricking.LEAST_BATCH) and (large.threads, large.batch) == (8, 2**19)
     assert 1 < middle.threads < 8 and small.batch < middle.batch <= large.batch
-    assert need.notes(large, 8192 << 20) == {} == need.notes(middle, 1024 << 20)
-    (note,) = need.notes(small, 100 << 20)["notes"]
+    assert need.notes(large, 8192 << 20) == () == need.notes(middle, 1024 << 20)
+    (note,) = need.notes(small, 100 << 20)
     assert note.startswith("memory: expected at least ") and note.endswith("MiB: it takes more than that")
     held = replace(need, held=2**30).notes(middle, 1024 << 20)
     assert held and need.bands(middle, 1024 << 20) < replace(need, held=2**30).bands(middle, 1024 << 20)

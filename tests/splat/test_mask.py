@@ -369,7 +369,7 @@ def test_masks_that_are_none(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         empty: "mask empty: expected voxels that are not 0, got none",
         f"{every}:7": "mask every: expected labels among 1, got 7",
         f"{every}:outside": "got none outside of it",
-        str(tmp_path / "none.npy"): "got nothing of that name",
+        str(tmp_path / "none.npy"): "got no such file",
         str(tmp_path): "mask ",
         str(tmp_path / "cut.nrrd"): "mask ",
         ":outside": "FILE[:N,N…][:outside]",

@@ -469,7 +469,7 @@ def test_which_transfer_functions_the_records_serve() -> None:
     ("changes", "said"),
     [
         ({"blend": "mip"}, "^blend mip takes all voxels, classified after reconstruction"),
-        ({"footprint": "table"}, "^sheets: expected what quads can draw, got footprints from a table"),
+        ({"footprint": "table"}, "^sheets: expected what quads can draw, got footprint table"),
         ({"classification": "pre"}, "^classification pre: the splats were extracted to be classified after"),
         ({"kernel": "gaussian"}, "^kernel: expected auto or b-spline, got gaussian; extract the volume for that"),
     ],

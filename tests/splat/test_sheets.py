@@ -356,7 +356,7 @@ def test_the_tolerance_chooses_the_sheets() -> None:
     ("changes", "said"),
     [
         ({"target": "rgba16f"}, "^sheets: expected what quads can draw, got target rgba16f; composite splats"),
-        ({"align": "grid"}, "^sheets: expected what quads can draw, got footprints from a table; composite splats"),
+        ({"align": "grid"}, "^sheets: expected what quads can draw, got align grid; composite splats"),
         ({"technique": "quads", "order": "back-to-front"}, "^technique quads: expected .*, got order back-to-front;"),
         ({"attenuation": "opacity"}, "^attenuation: expected optical-depth or fill, which add up within sheets"),
         ({"classification": "post"}, "^classification post: the splats were extracted to be classified before"),

@@ -212,3 +212,18 @@ def test_without_a_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -
     with pytest.raises(InputError, match=r"splatgl\[colormaps\]"):
         Transfer(((0, 1),), colormap="plasma")
     Transfer(((0, 1),), colormap="viridis")
+
+
+def test_points_follow_from_regions_or_labels() -> None:
+    regions, labels = ["box:30,90,2,50:0.5"], [(1, "#ff0000", 0.5), (3, "#00ff00", 0.9)]
+    for given in ({}, {"points": []}, {"points": ()}):
+        by_regions, by_labels = Transfer(**given, regions=regions), Transfer(**given, labels=labels)
+        assert by_regions.points == ((30.0, 0.0), (90.0, 0.0)) and [value for value, _ in by_labels.points] == [
+            1.0,
+            3.0,
+        ]
+        for transfer in (by_regions, by_labels):
+            assert Transfer.from_toml(transfer.to_toml()) == transfer
+        with pytest.raises(InputError, match="regions or labels, got none"):
+            Transfer(**given)
+    assert Transfer.from_table({"labels": labels}) == Transfer(labels=labels)

@@ -531,7 +531,7 @@ def test_dropped_files(window: Window, folder: Path) -> None:
     after = window.drop(folder / "other ä %41.npy")
     assert after["source"].endswith("other ä %41.npy") and after["splats"] != first and after["full"]
     shown = window.shot()
-    for name, words in (("bad.npy", "bad.npy"), ("nothing.npy", "got nothing of that name")):
+    for name, words in (("bad.npy", "bad.npy"), ("nothing.npy", "got no such file")):
         after = window.drop(folder / name)
         assert words in "".join([after["message"], *after["asked"]]) and after["source"].endswith("other ä %41.npy")
         assert not np.array_equal(window.shot(), shown)
