@@ -43,7 +43,7 @@ class Hints:
     opacity per `unit` world lengths (None: the mean spacing). preset: a transfer preset's name.
     The view is either an orbit (azimuth, elevation in degrees) or an eye and a target in world
     units; fov is the full vertical angle in degrees; orthographic: parallel rays, unless a fov is
-    set. color: "#rrggbb" of a channel at its brightest.
+    set. color: "#rrggbb" of a channel at its brightest; inverted: which its low values are.
     stack: whether the samples are planes of a microscope. values: "labels", "mask" or "amounts", their meaning.
     """
 
@@ -53,6 +53,7 @@ class Hints:
     preset: str | None = None
     colormap: str | None = None
     color: str | None = None
+    inverted: bool = False
     shading: bool | None = None
     azimuth: float | None = None
     elevation: float | None = None

@@ -35,11 +35,15 @@ TIME_HINT = "--time picks another"
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel: its name, its colour "#rrggbb" and its window of values from black to full, if the file has them."""
+    """A channel: its name, its colour "#rrggbb" and its window of values from black to full, if the file has them.
+    active: whether the file shows it. inverted: whether low values are the full ones.
+    """
 
     name: str
     color: str | None = None
     window: tuple[float, float] | None = None
+    active: bool = True
+    inverted: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,9 @@ class ChannelSet:
             fix = f"pick with channel=0 … channel={count - 1}, channel=all"
             error = expected("axes", "one sample per voxel", f"{count} {self.what}", fix)
             raise Choice(str(error), "channel", [(str(n), channel.name) for n, channel in enumerate(self.channels)])
-        if requested is None or requested == "all":
+        if requested is None:
+            return [n for n, channel in enumerate(self.channels) if channel.active] or list(range(count))
+        if requested == "all":
             return list(range(count))
         return [self._number(part.strip(), count) for part in str(requested).split(",")]
 
@@ -93,6 +99,9 @@ class ChannelSet:
         notes = volumes[0].notes
         if self.times > 1 and options.time is None and options.array is None:
             notes = (*notes, f"time 0 of {self.times}: {TIME_HINT}")
+        off = [channel.name or str(n) for n, channel in enumerate(self.channels) if n not in numbers]
+        if off and options.channel is None and None not in numbers:
+            notes = (*notes, f"channel {list_names(off)}: switched off in the file; --channel all draws every channel")
         first = replace(volumes[0], times=self.times, time_step=self.step, notes=notes)
         return replace(first, channels=tuple(volumes)) if len(volumes) > 1 else first
 
@@ -100,7 +109,7 @@ class ChannelSet:
         if number is None or len(self.channels) < 2:
             return volume
         channel = self.channels[number]
-        hints = replace(volume.hints, window=channel.window, color=channel.color)
+        hints = replace(volume.hints, window=channel.window, color=channel.color, inverted=channel.inverted)
         return replace(volume, name=channel.name or str(number), hints=hints)
 
 

@@ -153,6 +153,8 @@ def _read_channel(number: int, metadata: Any) -> Channel:
         str(metadata.get("label") or number),
         f"#{color.lower()}" if re.fullmatch("[0-9a-fA-F]{6}", color) else None,
         parse_window(window.get("start"), window.get("end")),
+        metadata.get("active") is not False,
+        metadata.get("inverted") is True,
     )
 
 

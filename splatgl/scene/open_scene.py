@@ -293,14 +293,13 @@ def visible_layers(file: SceneFile, volume: Volume, transfer: Transfer, is_quiet
         other = cut_volume(source.open(), file.scissors)
         print_notes(other, is_quiet, layer=source.volume)
         planes = None if source.clip is None and not source.crop else source.cut(other).settings.clip
-        channels = channel_layers(source, other, source.transfer_for(other), planes)
-        if layer.surfaces is not None:
-            channels = [replace(channel, surfaces=layer.surfaces) for channel in channels]
-        layers += channels
+        plain = replace(source, opacity=1.0)
+        channels = channel_layers(plain, other, plain.transfer_for(other), planes)
+        layers += [replace(channel, opacity=source.opacity, surfaces=layer.surfaces) for channel in channels]
     if file.surfaces is not None:
         layers = _with_surfaces(layers, file)
-    if not any(layer.visible for layer in layers):
-        return [replace(layers[0], transfer=layers[0].seen.weakened(0.0), visible=True)]
+    if not any(layer.visible and layer.opacity for layer in layers):
+        return [replace(layers[0], transfer=layers[0].seen.weakened(0.0), opacity=1.0, visible=True)]
     return layers
 
 
@@ -328,7 +327,8 @@ def channel_layers(
         # the opacity of the scene is a factor of each transfer function
         plain = replace(file, opacity=1.0)
         base = plain.transfer_for(volume) if file.transfer.keys() & {"points", "preset"} else None
-        transfers = [look.weakened(file.opacity) for look in channel_transfers(volume, colors, windows, base)]
+        looks = channel_transfers(volume, colors, windows, base, file.settings.blend)
+        transfers = [look.weakened(file.opacity) for look in looks]
     channels = zip(volume.channels, transfers, strict=True)
     uncut = file.uncut or None
     return [Layer(channel, look, 1.0, file.visible, file.threshold, planes, uncut=uncut) for channel, look in channels]

@@ -245,6 +245,7 @@ class SceneFile:
         assert layer.transfer is not None
         clip = None if layer.clip is None else _clip(layer.clip)
         look: dict[str, Any] = {"threshold": layer.threshold, "surfaces": layer.surfaces, "visible": layer.visible}
+        look["opacity"] = layer.opacity
         name = layer.volume.name or "layer"
         return cls(name, transfer=layer.transfer.fields, clip=clip, held=layer.volume, **look)
 

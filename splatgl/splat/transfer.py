@@ -208,6 +208,11 @@ class Transfer:
         regions = tuple(region.weakened(factor) for region in self.regions)
         return replace(self, points=points, labels=labels, iso=iso, regions=regions)
 
+    def inverted(self) -> Transfer:
+        """The same with the largest opacity where it is the least, as negatives have it."""
+        most = max(opacity for _, opacity in self.points)
+        return replace(self, points=tuple((value, most - opacity) for value, opacity in self.points))
+
     def surface_matter(self) -> np.ndarray:
         """[n, 4]: emission and optical depth of the iso-surfaces."""
         opacity = np.array([surface.opacity for surface in self.iso])
