@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,11 +91,11 @@ EXCITATIONS = ((440, "blue"), (475, "cyan"), (530, "green"), (560, "orange"), (6
 
 
 def color_of_dye(name: str) -> str | None:
-    """Colour "#rrggbb" of a channel by its name: a dye or protein, its excitation in nm, or a colour; None of others."""
+    """Colour "#rrggbb" of a channel by its name: a dye or protein, its excitation in nm, or a colour; else None."""
     apart = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", " ", re.sub(r"(?<=\d)\.(?=\d)", "", name))
     words = re.findall("[a-z0-9]+", apart.lower())
     # names of two words first, such as far red
-    for word in (*map("".join, zip(words, words[1:], strict=False)), *words, "".join(words)):
+    for word in (*map("".join, pairwise(words)), *words, "".join(words)):
         if word in DYES:
             return CHANNEL_COLORS[DYES[word]]
     dye = re.search(r"([a-z]*)([3-7]\d\d)(?!\d)", "".join(words))

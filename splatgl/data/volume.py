@@ -44,7 +44,8 @@ class Hints:
     The view is either an orbit (azimuth, elevation in degrees) or an eye and a target in world
     units; fov is the full vertical angle in degrees; orthographic: parallel rays, unless a fov is
     set. color: "#rrggbb" of a channel at its brightest; inverted: which its low values are.
-    stack: whether the samples are planes of a microscope. values: "labels", "mask" or "amounts", their meaning.
+    stack: whether the samples are planes of a microscope, or other pictures. values: "labels", "mask" or "amounts",
+    their meaning.
     """
 
     window: tuple[float, float] | None = None

@@ -114,7 +114,7 @@ class ChannelSet:
 
 
 def mark_microscope(volume: Volume) -> Volume:
-    """The volume, marked as a microscope's planes."""
+    """The volume, marked as a stack of pictures, such as a microscope's, whose rows go down."""
     return replace(volume, hints=replace(volume.hints, stack=True))
 
 

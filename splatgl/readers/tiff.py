@@ -263,7 +263,7 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
     if (calibration := find_calibration(tiff)) is not None:
         parts = tuple(replace(part, value_unit=calibration.unit) for part in volume.channels)
         volume = replace(volume, value_unit=calibration.unit, channels=parts)
-    return mark_microscope(volume) if image.is_microscope else volume
+    return mark_microscope(volume) if image.survey is None else volume
 
 
 def _picture_volume(image: _Image, series: _Series, number: int, options: LoadOptions) -> Volume:

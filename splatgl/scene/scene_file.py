@@ -68,7 +68,7 @@ from splatgl.scene.transfer_choice import (
     several,
     with_window,
 )
-from splatgl.scene.view import ViewOptions, orient_flat_stack
+from splatgl.scene.view import ViewOptions, orient_stack
 from splatgl.splat.colormaps import base_name, labels_of
 from splatgl.splat.label_detection import MASK, mark_kind
 from splatgl.splat.presets import (
@@ -484,12 +484,14 @@ class SceneFile:
         return volume
 
     def _prepare(self, volume: Volume) -> Volume:
-        """Returns the volume with vectors and masks; a flat stack is seen along z, unless the view sets eye or up."""
+        """Returns the volume with vectors and masks; a microscope's stack has its orientation, unless the view sets eye
+        or up.
+        """
         volume, view = self._mask(self.vectors.values(volume)), self.view
         volume = self._with_names(self._with_kind(volume))
         if view.eye is not None or view.up is not None:
             return volume
-        return orient_flat_stack(volume, has_note=view.azimuth is None and view.elevation is None)
+        return orient_stack(volume, has_note=view.azimuth is None and view.elevation is None)
 
     def _with_kind(self, volume: Volume) -> Volume:
         """Returns the volume as labels or amounts; options of the transfer function decide, too."""

@@ -77,7 +77,7 @@ def draw_slices(scene: OpenScene) -> Image:
     for name in names:
         if name not in ANNOTATIONS:
             raise expected("annotate", f"{', '.join(ANNOTATIONS)} beside slices", name)
-    planes = parse_slices(file.slices, volume, np.asarray(file.view.upward(volume.hints)))
+    planes = parse_slices(file.slices, volume, np.asarray(file.view.slice_up(volume.hints)))
     size, background = file.view.size, file.settings.background
     pixels: np.ndarray = np.zeros((size[1], size[0], 4), np.float32)
     em = Canvas.over(pixels, background).em

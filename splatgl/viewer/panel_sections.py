@@ -19,7 +19,6 @@ from splatgl.gl.screen import GROUNDS
 from splatgl.splat.clipping import Plane
 from splatgl.viewer.clip_tool import set_cuts
 from splatgl.viewer.commands import (
-    ALONG,
     ANATOMY,
     Command,
     Copy,
@@ -28,6 +27,7 @@ from splatgl.viewer.commands import (
     OpenOption,
     Request,
     add_plane,
+    along,
     name_of,
     toggle_name,
 )
@@ -265,11 +265,11 @@ def draw_slices(state: State, document: Document, widgets: CommandWidgets) -> St
 
 def draw_view(state: State, document: Document, widgets: CommandWidgets) -> State:
     """The section's controls; returns the edited state."""
-    frame = document.volume.frame
+    volume, frame = document.volume, document.volume.frame
     order = ("front", "back", "left", "right", "top", "bottom")
     for view, wide in _flow(order, 3 if frame else 6):
-        label = f"{(ANATOMY if frame else ALONG)[view]}##view"
-        tip = f"{name_of(view, frame)}, as {'3D Slicer' if frame else 'ParaView'} names it"
+        label = f"{ANATOMY[view] if frame else along(view, volume)}##view"
+        tip = f"{name_of(view, volume)}, as {'3D Slicer' if frame else 'ParaView'} names it"
         state = widgets.button(view, label, state, document, tip, wide)
     ticked = {"orthographic": not state.pose.camera.perspective}
     ticked |= {"turntable": state.turntable, "fullscreen": state.fullscreen}

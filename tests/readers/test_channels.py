@@ -503,13 +503,13 @@ def test_time_points_are_played(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_flat_stacks_are_seen_as_in_a_microscope(renderer: sg.Renderer, tmp_path: Path) -> None:
-    """Along z: the corner at x = y = 0 is on the left and on top; those of its files by their hints."""
+    """Along z: the corner at x = y = 0 is on the left and on top; those of stacks of pictures by their hints."""
     stack = np.zeros((4, 40, 60), np.uint8)
     stack[:, 2:10, 2:14] = 200
     stack[:, 30:38, 46:58] = 60
     tifffile.imwrite(tmp_path / "a.ome.tif", stack, ome=True, metadata={"axes": "ZYX"}, photometric="minisblack")
     tifffile.imwrite(tmp_path / "plain.tif", stack, photometric="minisblack")
-    assert not sg.load(tmp_path / "plain.tif").hints.stack
+    assert sg.load(tmp_path / "plain.tif").hints.stack
     volume = SceneFile(str(tmp_path / "a.ome.tif")).open()
     assert volume.hints.stack and "seen along z" in volume.notes[-1]
     splats = sg.extract(volume, sg.Transfer([(30, 0), (220, 0.9)]))

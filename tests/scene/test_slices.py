@@ -179,7 +179,7 @@ def test_a_picture_says_where_its_pixels_are() -> None:
 
 def test_labels_over_slices_have_the_opacity_that_is_asked_for(tmp_path: Path) -> None:
     """One opacity of all labels, in the transfer function or of the layer, on the command line and in Python."""
-    z, y, x = np.indices((8, 16, 16))
+    _, y, x = np.indices((8, 16, 16))
     image, labels = (x * 8).astype(np.uint8), np.where(x < 8, 1, 3).astype(np.uint8)
     np.save(tmp_path / "a.npy", image)
     np.save(tmp_path / "seg.npy", labels)

@@ -244,7 +244,7 @@ def test_standard_views_are_those_of_the_patient(frame: str | None, view: str, e
     assert np.allclose(-camera.forward, eye, atol=1e-9)
     # ParaView names the direction of the view
     if frame is None:
-        name = name_of(view, None)
+        name = name_of(view, volume)
         assert camera.forward["XYZ".index(name[-1])] == pytest.approx(1.0 if name[-2] == "+" else -1.0)
 
 
