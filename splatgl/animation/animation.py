@@ -181,7 +181,7 @@ class Animation:
         first, last = timeline.only or (0, count - 1)
         if last >= count:
             raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
-        over = Over(names, scene.annotated_subject, scene.volume.time_step) if names else None
+        over = Over(names, scene.annotated_subject, scene.legend[1], scene.volume.time_step) if names else None
         only = None if series else only
         numbers = range(first, last + 1)
         return cls(scenes, scene.transfer, track, count, numbers, timeline.hold, timeline.flow, bits, only, bands, over)
@@ -374,10 +374,11 @@ class FrameView:
 
 @dataclass(frozen=True, eq=False)
 class Over:
-    """Annotations of all frames. names, subject: as of `annotated`. step: seconds between two time points."""
+    """Annotations of all frames. names, subject, transfer: as of `annotated`. step: seconds between two time points."""
 
     names: tuple[str, ...]
     subject: Subject
+    transfer: Transfer
     step: float | None
 
     def at(self, point: int) -> tuple[str, ...]:
@@ -436,7 +437,8 @@ class Work:
         if self.over is not None:
             names = self.over.at(int(scene.load.get("time", view.volume)))
             backdrop = self.settings.background
-            image = annotated(image, self.over.subject, self.transfer, view.camera, names, backdrop, steady=True)
+            inputs = self.over.subject, self.over.transfer, view.camera, names, backdrop
+            image = annotated(image, *inputs, steady=True)
             image = on_ground(image, backdrop)
         ground = self.settings.background if BLENDS[self.settings.blend].unbounded else None
         return self.frames.encoded(view.frame, image, self.bits, ground)

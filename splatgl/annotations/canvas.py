@@ -448,10 +448,11 @@ class Subject:
     measures: tuple[Measure, ...] = ()
 
     @classmethod
-    def of(cls, volume: Volume) -> Subject:
-        """The subject of a volume."""
-        colored = volume.color is not None
-        title = ", ".join(filter(None, (volume.quantity or volume.name, volume.value_unit)))
+    def of(cls, volume: Volume, valued: Volume | None = None) -> Subject:
+        """The subject of a volume. valued: another one, whose values the colour bar shows."""
+        of_bar = valued or volume
+        colored = of_bar.color is not None
+        title = ", ".join(filter(None, (of_bar.quantity or of_bar.name, of_bar.value_unit)))
         return cls(volume.corners, volume.center, volume.unit, volume.name, volume.frame, colored, title)
 
 

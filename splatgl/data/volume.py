@@ -302,11 +302,17 @@ class Volume:
         return [(name, text) for name, text in listed.items() if text]
 
     def _range_text(self) -> str:
-        """The least and the largest finite value; "" of many samples, of those not in memory, and if none is finite."""
+        """The least and the largest finite value; "" where they are not known."""
+        ends = self.value_range
+        return f"{ends[0]:g} … {ends[1]:g} {self.value_unit}".strip() if ends else ""
+
+    @property
+    def value_range(self) -> tuple[float, float] | None:
+        """The least and the largest finite value; None of many samples or files in parts, and if none is finite."""
         if not isinstance(self.samples, np.ndarray) or self.count > MOST_SCANNED:
-            return ""
+            return None
         values = self.samples[np.isfinite(self.samples)] if self.samples.dtype.kind == "f" else self.samples
-        return f"{values.min():g} … {values.max():g} {self.value_unit}".strip() if values.size else ""
+        return (float(values.min()), float(values.max())) if values.size else None
 
     @property
     def shape(self) -> tuple[int, int, int]:

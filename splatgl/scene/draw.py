@@ -298,7 +298,8 @@ def annotate(image: Image, scene: OpenScene) -> Image:
     from splatgl.annotations.annotate import annotated, omission_notes, on_ground
 
     color = scene.file.settings.background
-    image = annotated(image, scene.annotated_subject, scene.transfer, scene.camera, scene.file.annotate, color)
+    look = scene.legend[1]
+    image = annotated(image, scene.annotated_subject, look, scene.camera, scene.file.annotate, color)
     image = on_ground(image, None if BLENDS[scene.settings.blend].unbounded else color)
     if not scene.is_quiet:
         for note in omission_notes(image):

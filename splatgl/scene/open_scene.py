@@ -150,7 +150,14 @@ class OpenScene:
     def annotated_subject(self) -> Subject:
         """Box, unit, frame and scales of the volume and the meshes, for annotations."""
         scales, is_empty = Scale.of(self.scene.meshes), is_mesh(self.file.volume)
-        return replace(Subject.of(self.volume), scales=scales, empty=is_empty, measures=self.file.measures)
+        subject = Subject.of(self.volume, self.legend[0])
+        return replace(subject, scales=scales, empty=is_empty, measures=self.file.measures)
+
+    @property
+    def legend(self) -> tuple[Volume, Transfer]:
+        """Volume and transfer function of the colour bar: those of the first visible layer or channel."""
+        first = None if self.is_single else self.scene.shown[0]
+        return (self.volume, self.transfer) if first is None else (first.volume, first.faded)
 
     @property
     def has_matter(self) -> bool:

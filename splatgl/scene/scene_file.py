@@ -70,6 +70,7 @@ from splatgl.scene.transfer_choice import (
 )
 from splatgl.scene.view import ViewOptions, orient_stack
 from splatgl.splat.colormaps import base_name, labels_of
+from splatgl.splat.iso import check_iso
 from splatgl.splat.label_detection import MASK, mark_kind
 from splatgl.splat.presets import (
     is_preset,
@@ -453,7 +454,7 @@ class SceneFile:
     def open(self) -> Volume:
         """Returns the masked volume of a built-in scene, a file or memory; a flat stack gets its view direction."""
         volume = self._open()
-        notes = (*self.view.notes(volume.frame), *self._window_notes(volume))
+        notes = (*self.view.notes(volume.frame), *self._window_notes(volume), *self._iso_notes(volume))
         return replace(volume, notes=(*volume.notes, *notes)) if notes else volume
 
     def _window_notes(self, volume: Volume) -> tuple[str, ...]:
@@ -465,6 +466,21 @@ class SceneFile:
             return ()
         question = window_question(volume, window)
         return (question,) if question else ()
+
+    def _iso_notes(self, volume: Volume) -> tuple[str, ...]:
+        """Returns a note on iso-surfaces at values beyond those of a volume in memory."""
+        try:
+            values = [surface.value for surface in check_iso(self.transfer.get("iso") or ())]
+        except (TypeError, ValueError):
+            # the transfer function refuses it
+            return ()
+        ends = volume.value_range if values else None
+        beyond = [value for value in values if ends and not ends[0] <= value <= ends[1]]
+        if not beyond or ends is None:
+            return ()
+        named, unit = volume.quantity or volume.name or "the volume", f" {volume.value_unit}".rstrip()
+        texts = ", ".join(f"{value:g}" for value in beyond)
+        return (f"no surface at {texts}: {named} has values from {ends[0]:g} to {ends[1]:g}{unit}",)
 
     def _open(self) -> Volume:
         if self.held is not None:
@@ -559,7 +575,7 @@ class SceneFile:
 
     def transfer_for(self, volume: Volume) -> Transfer:
         """Returns the transfer function: the default or a preset, overridden by options; faint around lines."""
-        if self.vectors.has_lines and not self.transfer.keys() & STATED:
+        if self.vectors.has_lines and not self.transfer.keys() & {*STATED, "iso"}:
             faint = replace(self, vectors=Vectors(), opacity=self.opacity * FAINT)
             return faint.transfer_for(volume)
         chosen = {key: value for key, value in self.transfer.items() if key not in (*CHANNEL_KEYS, "name_of")}

@@ -184,6 +184,11 @@ class Transfer:
         return bool(self.gradient or self.regions)
 
     @property
+    def is_clear(self) -> bool:
+        """Whether only its iso-surfaces can be seen."""
+        return not (self.labels or self.regions or any(opacity for _, opacity in self.points))
+
+    @property
     def logarithmic(self) -> bool:
         """Whether opacity and colour are linear in logarithms of values."""
         return self.scale == "log"
