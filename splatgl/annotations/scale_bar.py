@@ -8,14 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Rect, Subject
+from splatgl.data.affine import METRES, unit_name
 from splatgl.splat.camera import Camera
 
 # longest bar as a fraction of the image's width
 WIDEST = 0.25
-# units in metres, and the units that a length is converted to, ascending
+# units that a length is converted to, ascending
 MICROMETRE = "µm"
-METRES = {"nm": 1e-9, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3}
-METRES |= {"Å": 1e-10, "angstrom": 1e-10, "micrometer": 1e-6, "micron": 1e-6, "millimeter": 1e-3, "meter": 1.0}
 LADDER = ("nm", MICROMETRE, "mm", "m", "km")
 # a length keeps the file's unit from 1 to below this
 MOST = 1000.0
@@ -30,43 +29,51 @@ class BarScale(NamedTuple):
 
 
 def scale_of(subject: Subject, camera: Camera) -> BarScale | None:
-    """Scale bar of a view; None if the volume's centre is behind a perspective eye."""
+    """Scale bar of a view; None if the volume's centre is behind a perspective eye, or across axes of several units."""
     depth = float(camera.eye_from_points(subject.center)[2])
-    if camera.perspective and not depth > 0:
+    lengths = subject.lengths(camera.eye_from_world[0])
+    if (camera.perspective and not depth > 0) or lengths is None:
         return None
-    pitch = float(camera.pixel_pitch(depth))
+    pitch = float(camera.pixel_pitch(depth)) * lengths[0]
     length = nice_below(WIDEST * camera.size[0] * pitch)
-    return BarScale(length / pitch, length_text(length, subject.unit))
+    return BarScale(length / pitch, length_text(length, lengths[1]))
 
 
 def length_text(length: float, unit: str) -> str:
     """A length with its unit, converted to a unit with fewer digits."""
-    metres = METRES.get(unit)
-    if metres is None or (length * (1 + 1e-9) >= 1 and length < MOST):
+    metres = _metres(unit)
+    if math.isnan(metres) or (length * (1 + 1e-9) >= 1 and length < MOST):
         return f"{length:g} {sign_of(unit)}".strip()
-    fitting = [name for name in LADDER if length * metres >= METRES[name] * (1 - 1e-9)] or [LADDER[0]]
-    return f"{length * metres / METRES[fitting[-1]]:.6g} {fitting[-1]}"
+    fitting = [name for name in LADDER if length * metres >= _metres(name) * (1 - 1e-9)] or [LADDER[0]]
+    return f"{length * metres / _metres(fitting[-1]):.6g} {fitting[-1]}"
 
 
 def sign_of(unit: str) -> str:
     """The sign of a unit of length; other units stay."""
-    return MICROMETRE if METRES.get(unit) == METRES[MICROMETRE] else unit
+    return MICROMETRE if unit_name(unit) == "um" else unit
 
 
 def in_digits(length: float, unit: str) -> tuple[float, str]:
     """Factor from a unit to one in which a length has few digits, and the name of that unit."""
-    metres = METRES.get(unit)
-    if metres is None or 1 <= length < MOST * 10 or not length > 0:
+    metres = _metres(unit)
+    if math.isnan(metres) or 1 <= length < MOST * 10 or not length > 0:
         return 1.0, sign_of(unit)
-    fitting = [name for name in LADDER if length * metres >= METRES[name]] or [LADDER[0]]
-    return metres / METRES[fitting[-1]], fitting[-1]
+    fitting = [name for name in LADDER if length * metres >= _metres(name)] or [LADDER[0]]
+    return metres / _metres(fitting[-1]), fitting[-1]
+
+
+def _metres(unit: str) -> float:
+    """Metres of a unit of length; NaN of others."""
+    return METRES.get(unit_name(unit), math.nan)
 
 
 def draw(layer: Canvas, view: AnnotationView) -> None:
     """Draws the scale bar at the lower right, or further left where the image is empty."""
     scale = scale_of(view.subject, view.camera)
     if scale is None:
-        layer.notes.append("no scale bar: the centre of the volume is behind the eye")
+        behind = view.subject.lengths(view.camera.eye_from_world[0]) is not None
+        why = "the centre of the volume is behind the eye" if behind else "across the picture axes have several units"
+        layer.notes.append(f"no scale bar: {why}")
         return
     labels = [PERSPECTIVE, scale.label] if view.camera.perspective else [scale.label]
     sizes = [layer.text_size(label) for label in labels]

@@ -78,6 +78,16 @@ class Label:
     hidden: bool = False
 
 
+@dataclass(frozen=True)
+class Axis:
+    """A file's coordinate along an axis of the world: offset + slope · place, in its unit, under its name."""
+
+    name: str
+    unit: str = ""
+    slope: float = 1.0
+    offset: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class Slab:
     """Planes start ≤ z < stop of a volume, with up to `halo` extra planes on either side.
@@ -131,6 +141,7 @@ class Volume:
     labels: table of the segments that samples number (empty: the file has none); None: samples are amounts.
     channels: all channels that were read, with names, if the file has several; samples are the first channel's.
     times: time points of the file, of which this is one; time_step: seconds between two.
+    axes: the file's coordinates along x, y and z of the world, where these are scaled or have names; () else.
     quantity, value_unit: names of what samples measure, and of its unit ("HU", "K"), as the file states them.
     masks: a Mask or Scissors each, which restrict it; see `masked`.
     points: drawn instead of the samples, which are then empty, with the opacity of the value 1.
@@ -161,6 +172,7 @@ class Volume:
     channels: tuple[Volume, ...] = ()
     times: int = 1
     time_step: float | None = None
+    axes: tuple[Axis, ...] = ()
     value_unit: str = ""
     quantity: str = ""
     masks: tuple[Any, ...] = ()

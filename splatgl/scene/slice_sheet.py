@@ -107,7 +107,7 @@ def draw_slices(scene: OpenScene) -> Image:
         "seconds": round(time.perf_counter() - started, 6),
         **({} if file.view.dpi is None else {"dpi": file.view.dpi}),
     }
-    return _annotated(Image(pixels, {**info, **provenance_of(file, scene.transfer)}), scene, sheet)
+    return _annotated(Image(pixels, {**info, **provenance_of(file, scene.transfer)}), scene, cells)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,20 +175,22 @@ def _write(canvas: Canvas, plane: SlicePlane, box: Sequence[int], volume: Volume
             canvas.text(text, at[0], at[1])
 
 
-def _annotated(image: Image, scene: OpenScene, sheet: Sheet) -> Image:
+def _annotated(image: Image, scene: OpenScene, cells: Sequence[Cell]) -> Image:
     """The picture under the annotations of its scene."""
     if not scene.file.annotate:
         return image
     from splatgl.splat.camera import Camera
 
-    size, names = scene.file.view.size, scene.file.annotate
-    center, high = scene.volume.center, sheet.pitch * size[1]
-    camera = Camera.orthographic(center - np.array([0, 2 * high, 0]), center, (0, 0, 1), high, size)
+    size, names, plane = scene.file.view.size, scene.file.annotate, cells[0].plane
+    center, high = scene.volume.center, cells[0].pitch * size[1]
+    camera = Camera.orthographic(center - 2 * high * plane.normal, center, -plane.down, high, size)
     subject, transfer = Subject.of(scene.volume), scene.scene.painter("slice").layers[0].transfer
     if not (transfer.labels or subject.colored):
         low, high = transfer.color_range
         scale = Scale(transfer.colormap, float(low), float(high), subject.value_name)
         subject = replace(subject, scales=(scale,) if low < high else (), empty=low < high)
+    if "scale" in names and len({subject.lengths(cell.plane.right) for cell in cells}) > 1:
+        raise expected("annotate", "no scale beside slices along axes of several units", "scale")
     image = annotated(image, subject, transfer, camera, names, scene.file.settings.background)
     for note in () if scene.is_quiet else omission_notes(image):
         print(f"splatgl: {note}", file=sys.stderr)

@@ -11,6 +11,7 @@ import numpy as np
 from imgui_bundle import imgui
 
 from splatgl.annotations.annotate import ANNOTATIONS
+from splatgl.annotations.canvas import Subject
 from splatgl.annotations.measures import measure_text
 from splatgl.annotations.text import legible, plain
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
@@ -335,7 +336,7 @@ def draw_measures(state: State, document: Document, widgets: CommandWidgets) -> 
         changed, name = imgui.input_text_with_hint("##name", "name", measure.name)
         measures[number] = replace(measure, name=name) if changed else measure
         imgui.same_line()
-        imgui.text(plain(measure_text(replace(measure, name=""), document.volume.unit)))
+        imgui.text(plain(measure_text(replace(measure, name=""), Subject.of(document.volume))))
         # the button ends with the widgets above
         imgui.same_line(style.window_padding.x + room - imgui.calc_text_size("remove").x - 2 * style.frame_padding.x)
         removed = imgui.button("remove")
