@@ -66,7 +66,7 @@ def _read_times(
 
     times: --time, a number or a slice; None: all that the file has, if the format holds them.
     """
-    if isinstance(times, int):
+    if isinstance(times, int | str):
         return open_time(times), None
     volume = open_time(None)
     if times is None and not (holds_times and volume.times > 1):

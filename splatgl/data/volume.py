@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
+from splatgl.data.times import Times
 from splatgl.errors import expected, list_names
 from splatgl.options import keywords_of, with_keywords
 
@@ -140,7 +141,8 @@ class Volume:
     coarser: the further levels of a multiscale image, with fewer voxels, finer first.
     labels: table of the segments that samples number (empty: the file has none); None: samples are amounts.
     channels: all channels that were read, with names, if the file has several; samples are the first channel's.
-    times: time points of the file, of which this is one; time_step: seconds between two.
+    times: time points of the file, of which this is the one number `time`; time_step: seconds between two; moments:
+    their times, where the file states them.
     axes: the file's coordinates along x, y and z of the world, where these are scaled or have names; () else.
     quantity, value_unit: names of what samples measure, and of its unit ("HU", "K"), as the file states them.
     masks: a Mask or Scissors each, which restrict it; see `masked`.
@@ -172,6 +174,8 @@ class Volume:
     channels: tuple[Volume, ...] = ()
     times: int = 1
     time_step: float | None = None
+    time: int = 0
+    moments: Times | None = None
     axes: tuple[Axis, ...] = ()
     value_unit: str = ""
     quantity: str = ""
@@ -325,6 +329,22 @@ class Volume:
             return None
         values = self.samples[np.isfinite(self.samples)] if self.samples.dtype.kind == "f" else self.samples
         return (float(values.min()), float(values.max())) if values.size else None
+
+    def time_text(self, number: int) -> str:
+        """The time of a time point by the file, else by the time between two, else its number."""
+        known = self._known_times
+        return known.text(number) if known and number < len(known.values) else str(number)
+
+    def time_number(self, text: str) -> int:
+        """The time point of a time, such as "1.5 s". Raises InputError if there is none."""
+        if self._known_times is None:
+            raise expected("time", "a number, as the file states no times", repr(text))
+        return self._known_times.number(text)
+
+    @property
+    def _known_times(self) -> Times | None:
+        steps = None if self.time_step is None else Times(tuple(n * self.time_step for n in range(self.times)), "s")
+        return self.moments or steps
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -9,19 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.color import luma
+from splatgl.data.times import Times
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, expected, list_names
 from splatgl.readers.common import parse_number
 from splatgl.readers.options import LoadOptions
-
-# units of time, as files spell them
-SECONDS = {
-    **{name: 1.0 for name in ("s", "sec", "second", "seconds")},
-    **{name: 1e-3 for name in ("ms", "msec", "millisecond", "milliseconds")},
-    **{name: 1e-6 for name in ("us", "µs", "μs", "usec", "microsecond", "microseconds")},
-    **{name: 60.0 for name in ("min", "minute", "minutes")},
-    **{name: 3600.0 for name in ("h", "hr", "hour", "hours")},
-}
 
 # most channels of an image: a damaged header may state any number
 MOST_CHANNELS = 4096
@@ -49,14 +41,16 @@ class Channel:
 @dataclass(frozen=True)
 class ChannelSet:
     """channels: of a file, empty if it has only one. together: whether the file shows them as one picture.
-    times: number of time points; step: seconds between two, None if unknown. components: numbers per voxel without
-    channels, such as those of a colour; `channel` picks one. what: the name of the channels in messages.
+    times: number of time points; step: seconds between two, None if unknown; moments: as of a volume. components:
+    numbers per voxel without channels, such as those of a colour; `channel` picks one. what: the name of the channels
+    in messages.
     """
 
     channels: tuple[Channel, ...] = ()
     together: bool = False
     times: int = 1
     step: float | None = None
+    moments: Times | None = None
     components: int = 1
     what: str = "channels"
 
@@ -91,8 +85,9 @@ class ChannelSet:
 
     def volume(self, options: LoadOptions, read: Callable[[int | None], Volume]) -> Volume:
         """The volume of the selected channels. read: reads the channel of a number."""
-        if options.time is not None and options.time >= self.times:
+        if options.time is not None and options.point >= self.times:
             this = f"a number from 0 to {self.times - 1}" if self.times > 1 else "a file of several time points"
+            this += f", or a time such as {self.moments.values[-1]}" if self.moments else ""
             raise expected("time", this, options.time)
         numbers = self.select(options)
         volumes = [self._named(read(number), number) for number in numbers]
@@ -102,7 +97,8 @@ class ChannelSet:
         off = [channel.name or str(n) for n, channel in enumerate(self.channels) if n not in numbers]
         if off and options.channel is None and None not in numbers:
             notes = (*notes, f"channel {list_names(off)}: switched off in the file; --channel all draws every channel")
-        first = replace(volumes[0], times=self.times, time_step=self.step, notes=notes)
+        about = {"times": self.times, "time_step": self.step, "moments": self.moments, "time": options.point}
+        first = replace(volumes[0], notes=notes, **about)
         return replace(first, channels=tuple(volumes)) if len(volumes) > 1 else first
 
     def _named(self, volume: Volume, number: int | None) -> Volume:

@@ -21,6 +21,7 @@ import numpy as np
 
 from splatgl.data.affine import METRES, Coordinate, Lattice, axis_kind, make_lattice, unit_name, value_unit_name
 from splatgl.data.arrays import Transposed
+from splatgl.data.times import SECONDS, Times
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError, expected
 from splatgl.readers import vtkhdf
@@ -28,7 +29,6 @@ from splatgl.readers.channels import (
     COLOR_NOTE,
     MAGNITUDE_NOTE,
     MOST_CHANNELS,
-    SECONDS,
     Channel,
     ChannelSet,
     is_color_rule,
@@ -147,7 +147,8 @@ def _find_channels(
     channel_set = ChannelSet(channels, components=components, what=what)
     if time is None:
         return channel_set
-    return replace(channel_set, times=dataset.shape[time], step=_time_step(path, dataset, time, options))
+    step, moments = _find_times(path, dataset, time, options)
+    return replace(channel_set, times=dataset.shape[time], step=step, moments=moments)
 
 
 def list_datasets(path: Path) -> list[str]:
@@ -292,17 +293,21 @@ def _read_scale(path: Path, scale: Scale, size: int, options: LoadOptions) -> np
     return scale.spread(np.asarray(places[:], np.float64), size)
 
 
-def _time_step(path: Path, dataset: Any, axis: int, options: LoadOptions) -> float | None:
-    """Seconds between two time points by the scale of their axis, also in CF's "hours since …"; None if unknown."""
+def _find_times(path: Path, dataset: Any, axis: int, options: LoadOptions) -> tuple[float | None, Times | None]:
+    """Seconds between two time points, and their times, by the scale of their axis, also in CF's "hours since …"; None
+    if unknown.
+    """
     scale, size = axis_scales(dataset)[axis], dataset.shape[axis]
     if scale is None or not _is_scale(scale, size):
-        return None
+        return None, None
     about = scale.attributes
-    unit = SECONDS.get((about["units"] or about["unit"]).split(" ")[0].lower())
+    stated = about["units"] or about["unit"]
+    unit = SECONDS.get(stated.split(" ")[0].lower())
     places = _read_scale(path, scale, size, options)
     steps = np.diff(places)
     even = len(steps) and np.isfinite(places).all() and np.ptp(steps) <= 1e-3 * abs(steps[0])
-    return float(steps[0]) * unit if unit and even and steps[0] > 0 else None
+    step = float(steps[0]) * unit if unit and even and steps[0] > 0 else None
+    return step, Times.of(places, stated, attribute_text(scale.node, "calendar"))
 
 
 def _unit(node: Any) -> str:

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.affine import Lattice, axis_kind
-from splatgl.readers.channels import SECONDS, is_color_rule
+from splatgl.data.times import SECONDS
+from splatgl.readers.channels import is_color_rule
 from splatgl.readers.hdf5_files import (
     attribute_numbers,
     attribute_text,

@@ -83,7 +83,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     of = ChannelSet(tuple(map(Channel, channels)) if len(channels) > 1 else (), times=max(len(times), 1))
 
     def read_one(channel: int | None) -> Volume:
-        return _read_stack(stacks[channel or 0, options.time or 0], first)
+        return _read_stack(stacks[channel or 0, options.point], first)
 
     volume = mark_microscope(of.volume(options, read_one))
     channels_on_grid = tuple(replace(channel, spacing=spacing, unit=unit) for channel in volume.channels)

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.affine import METRES, unit_name
+from splatgl.data.times import SECONDS
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
-from splatgl.readers.channels import SECONDS, Channel
+from splatgl.readers.channels import Channel
 from splatgl.readers.chunked import OneFile
 from splatgl.readers.common import decoder_errors, parse_number, require_bytes
 from splatgl.readers.microscopes import ORDER, BoundedFile, Image, even_spacing, read_image

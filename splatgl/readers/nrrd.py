@@ -17,13 +17,13 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from splatgl.data.affine import shared_unit, unit_name, value_unit_name, volume_on_grid
+from splatgl.data.times import SECONDS
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.channels import (
     COLOR_NOTE,
     MAGNITUDE_NOTE,
-    SECONDS,
     Channel,
     ChannelSet,
     hex_color,

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.affine import METRES, unit_name
+from splatgl.data.times import SECONDS
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra
-from splatgl.readers.channels import SECONDS, Channel
+from splatgl.readers.channels import Channel
 from splatgl.readers.common import decoder_errors, parse_number, require_plausible
 from splatgl.readers.microscopes import Image, OpenFile, Planes, check_planes, even_spacing, read_image
 from splatgl.readers.options import LoadOptions

@@ -17,18 +17,11 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.affine import METRES, Coordinate, axis_kind, make_lattice, shared_unit, unit_name, value_unit_name
+from splatgl.data.times import SECONDS, Times
 from splatgl.data.volume import Hints, Label, Triple, Volume
 from splatgl.errors import Choice, expected, import_extra, list_names
 from splatgl.fileio import WHOLE_BYTES, byte_count
-from splatgl.readers.channels import (
-    MOST_CHANNELS,
-    SECONDS,
-    Channel,
-    ChannelSet,
-    hex_color,
-    mark_microscope,
-    parse_window,
-)
+from splatgl.readers.channels import MOST_CHANNELS, Channel, ChannelSet, hex_color, mark_microscope, parse_window
 from splatgl.readers.chunked import CF_NUMBERS, Chunked, Packing, TransposedChunks
 from splatgl.readers.common import array_fields, decoder_errors
 from splatgl.readers.options import LoadOptions
@@ -131,7 +124,19 @@ def find_channels(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, g
     described = _coordinate_names(group, node, names, count) if multiscale is None and count > 1 else metadata
     channels = [_read_channel(n, described[n] if n < len(described) else {}) for n in range(count)]
     together = count > 1 and any(channel.color for channel in channels)
-    return ChannelSet(tuple(channels), together, sizes.get("t", 1), _time_step(multiscale, names))
+    step, moments = _time_step(multiscale, names), None if multiscale else _find_times(group, node, names)
+    return ChannelSet(tuple(channels), together, sizes.get("t", 1), step, moments)
+
+
+def _find_times(group: Any, node: Any, names: Sequence[str]) -> Times | None:
+    """The times in an array of numbers with the name of the time's dimension, as xarray writes them."""
+    dimensions = [name for name, kind in zip(dimension_names(node), names, strict=False) if kind == "t"]
+    array: Any = group.get(dimensions[0]) if group is not None and dimensions else None
+    shape = node.shape[list(names).index("t")] if "t" in names else 0
+    if getattr(array, "shape", None) != (shape,) or array.dtype.kind not in "uif":
+        return None
+    about = array.attrs.asdict()
+    return Times.of(array[:], str(about.get("units") or ""), str(about.get("calendar") or ""))
 
 
 def _coordinate_names(group: Any, node: Any, names: Sequence[str], count: int) -> list[dict[str, str]]:

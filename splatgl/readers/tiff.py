@@ -127,7 +127,7 @@ def _read_files(path: Path, tiff: Any, pixels: Element, planes: Planes, options:
         samples = np.zeros((depth, *shape), dtype)
         wanted: dict[str, dict[int, int]] = {}
         for (c, t, z), (name, number) in planes.items():
-            if (c, t) == (channel or 0, options.time or 0) and there[name]:
+            if (c, t) == (channel or 0, options.point) and there[name]:
                 wanted.setdefault(name, {})[number] = z
         for name, pages in wanted.items():
             for number, plane in _read_pages(find_data_file(path, name, options.anywhere), sorted(pages)):

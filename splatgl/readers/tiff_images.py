@@ -12,8 +12,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.data.affine import METRES, unit_name
+from splatgl.data.times import SECONDS
 from splatgl.errors import expected, list_names
-from splatgl.readers.channels import SECONDS, Channel, ChannelSet, hex_color, parse_window
+from splatgl.readers.channels import Channel, ChannelSet, hex_color, parse_window
 from splatgl.readers.common import parse_number
 from splatgl.readers.heightmap import DEGREE, Survey
 from splatgl.readers.imagej import Calibration

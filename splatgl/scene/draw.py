@@ -198,7 +198,7 @@ UNSUPPORTED = {
 
 def draw(scene: OpenScene, how: DrawOptions) -> Image:
     """Draws a scene in this process, with its provenance and annotations."""
-    check_time(scene.file.annotate)
+    check_time(scene.names)
     if scene.file.slices:
         return draw_slices(scene)
     level, info, image = scene, dict[str, object](), None
@@ -299,7 +299,7 @@ def annotate(image: Image, scene: OpenScene) -> Image:
 
     color = scene.file.settings.background
     look = scene.legend[1]
-    image = annotated(image, scene.annotated_subject, look, scene.camera, scene.file.annotate, color)
+    image = annotated(image, scene.annotated_subject, look, scene.camera, scene.names, color)
     image = on_ground(image, None if BLENDS[scene.settings.blend].unbounded else color)
     if not scene.is_quiet:
         for note in omission_notes(image):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl import __version__
-from splatgl.annotations.annotate import ROOM, check_size
+from splatgl.annotations.annotate import ROOM, check_size, with_time
 from splatgl.annotations.canvas import Scale, Subject
 from splatgl.data.color import Color
 from splatgl.data.volume import Volume
@@ -152,6 +152,11 @@ class OpenScene:
         scales, is_empty = Scale.of(self.scene.meshes), is_mesh(self.file.volume)
         subject = Subject.of(self.volume, self.legend[0])
         return replace(subject, scales=scales, empty=is_empty, measures=self.file.measures)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The annotations; the time of a file of several time points has its text."""
+        return with_time(self.file.annotate, self.volume, self.volume.time)
 
     @property
     def legend(self) -> tuple[Volume, Transfer]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.annotations.annotate import LEAST_SIDE
+from splatgl.annotations.annotate import LEAST_SIDE, with_time
 from splatgl.annotations.canvas import BLACK, WHITE, Measure, Scale, Subject
 from splatgl.annotations.live import LiveOverlay
 from splatgl.annotations.text import label, place_label
@@ -149,7 +149,8 @@ def annotation_inputs(state: State, document: Document) -> AnnotationInputs:
     # a document that loads anew may have fewer layers
     of_bar = document.layers[min(number, len(document.layers) - 1)].volume, document.meshes
     empty = is_mesh(document.scene.volume)
-    return AnnotationInputs(state.annotate, document.volume, *inputs, state.measures, *of_bar, empty)
+    names = with_time(state.annotate, document.volume, state.time)
+    return AnnotationInputs(names, document.volume, *inputs, state.measures, *of_bar, empty)
 
 
 def ruler_marks(ruler: Ruler, camera: Camera, scale: float) -> list[Stroke]:

@@ -249,8 +249,8 @@ PACES = (0.1, 60.0)
 
 def _time(state: State, document: Document, widgets: CommandWidgets) -> State:
     """Slider of a time series, with the file's own times, and what plays it."""
-    step = document.volume.time_step
-    form = f"%d of {state.times - 1}" + (f": {state.time * step:.6g} s" if step else "")
+    time = document.volume.time_text(state.time)
+    form = f"%d of {state.times - 1}" + (f": {time}" if time != str(state.time) else "")
     changed, time = imgui.slider_int(label_left("time"), state.time, 0, state.times - 1, form)
     if changed:
         state = replace(state, time=min(max(time, 0), state.times - 1), playing=False)

@@ -456,7 +456,7 @@ def test_one_channel_has_its_colour(tmp_path: Path) -> None:
         (["--window-of", "GFP=5,5"], "LOW below HIGH"),
         (["--channel", "0", "--color-of", "0=#ff0000"], "expected several channels"),
         (["--time", "0:2"], "--time: expected one time point"),
-        (["--time", "x"], "expected a number, or FIRST:END:STEP"),
+        (["--time", "x"], "expected a number, a time such as 1.5s, or FIRST:END:STEP"),
         (["--time", "7"], "--time: expected a number from 0 to 1"),
     ],
 )
