@@ -146,7 +146,7 @@ class Animation:
 
     @classmethod
     def of(
-        cls, scenes: list[SceneFile], timeline: Timeline, time: int | slice | None, bits: int, is_quiet: bool
+        cls, scenes: list[SceneFile], timeline: Timeline, time: float | str | slice | None, bits: int, is_quiet: bool
     ) -> Animation:
         """The animation of scenes. Reads the first volume, whose transfer function and view apply to all volumes. time:
         as of `time_points`.

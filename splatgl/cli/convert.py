@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     check_source(output, source)
     times = options.pop("time", None)
 
-    def open_time(number: int | None) -> Volume:
+    def open_time(number: int | str | None) -> Volume:
         is_scene = source in SCENES and not options
         given: dict[str, Any] = {} if number is None else {"time": number}
         volume = SCENES[source]() if is_scene else load(source, **options, **given)
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read_times(
-    open_time: Callable[[int | None], Volume], times: Any, holds_times: bool
+    open_time: Callable[[int | str | None], Volume], times: Any, holds_times: bool
 ) -> tuple[Volume, list[int] | None]:
     """The first volume to write, and the numbers of the time points if they are several.
 

@@ -97,8 +97,8 @@ class ChannelSet:
         off = [channel.name or str(n) for n, channel in enumerate(self.channels) if n not in numbers]
         if off and options.channel is None and None not in numbers:
             notes = (*notes, f"channel {list_names(off)}: switched off in the file; --channel all draws every channel")
-        about = {"times": self.times, "time_step": self.step, "moments": self.moments, "time": options.point}
-        first = replace(volumes[0], notes=notes, **about)
+        first = replace(volumes[0], times=self.times, time_step=self.step, time=options.point, notes=notes)
+        first = replace(first, moments=self.moments)
         return replace(first, channels=tuple(volumes)) if len(volumes) > 1 else first
 
     def _named(self, volume: Volume, number: int | None) -> Volume:

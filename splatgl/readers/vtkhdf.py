@@ -54,7 +54,7 @@ def read_image(path: Path, file: Any, options: LoadOptions) -> Volume:
     steps = attribute_numbers(find_node(file, f"{ROOT}/Steps", anywhere=False) or root, "NSteps")
     timed = steps is not None and steps.size == 1
     times = int(np.clip(np.nan_to_num(steps[0]), 1, _MOST_STEPS)) if steps is not None and timed else 1
-    values = find_node(file, f"{ROOT}/Steps/Values", options.anywhere) if timed else None
+    values: Any = find_node(file, f"{ROOT}/Steps/Values", options.anywhere) if timed else None
     has_times = hasattr(values, "shape") and values.shape == (times,) and has_real_numbers(values)
     moments = Times.of(np.asarray(values[:], np.float64)) if has_times else None
     direction, spacing, origin = stated

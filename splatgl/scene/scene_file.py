@@ -66,11 +66,11 @@ from splatgl.scene.transfer_choice import (
     read_nodes,
     refuse_both,
     several,
+    transfer_notes,
     with_window,
 )
 from splatgl.scene.view import ViewOptions, orient_stack
 from splatgl.splat.colormaps import base_name, labels_of
-from splatgl.splat.iso import check_iso
 from splatgl.splat.label_detection import MASK, mark_kind
 from splatgl.splat.presets import (
     is_preset,
@@ -79,7 +79,6 @@ from splatgl.splat.presets import (
     over_window,
     preset_named,
     projection_transfer,
-    window_question,
 )
 from splatgl.splat.scissors import FORM, Scissors
 from splatgl.splat.segment_surfaces import SMOOTHING, check_strength
@@ -454,33 +453,8 @@ class SceneFile:
     def open(self) -> Volume:
         """Returns the masked volume of a built-in scene, a file or memory; a flat stack gets its view direction."""
         volume = self._open()
-        notes = (*self.view.notes(volume.frame), *self._window_notes(volume), *self._iso_notes(volume))
+        notes = (*self.view.notes(volume.frame), *transfer_notes(self.transfer, volume))
         return replace(volume, notes=(*volume.notes, *notes)) if notes else volume
-
-    def _window_notes(self, volume: Volume) -> tuple[str, ...]:
-        """Returns a note on a window that may be meant as level and width."""
-        try:
-            window = Kind.interval().check(self.transfer.get("window"))
-        except (TypeError, ValueError):
-            # none, or one that the transfer function refuses
-            return ()
-        question = window_question(volume, window)
-        return (question,) if question else ()
-
-    def _iso_notes(self, volume: Volume) -> tuple[str, ...]:
-        """Returns a note on iso-surfaces at values beyond those of a volume in memory."""
-        try:
-            values = [surface.value for surface in check_iso(self.transfer.get("iso") or ())]
-        except (TypeError, ValueError):
-            # the transfer function refuses it
-            return ()
-        ends = volume.value_range if values else None
-        beyond = [value for value in values if ends and not ends[0] <= value <= ends[1]]
-        if not beyond or ends is None:
-            return ()
-        named, unit = volume.quantity or volume.name or "the volume", f" {volume.value_unit}".rstrip()
-        texts = ", ".join(f"{value:g}" for value in beyond)
-        return (f"no surface at {texts}: {named} has values from {ends[0]:g} to {ends[1]:g}{unit}",)
 
     def _open(self) -> Volume:
         if self.held is not None:

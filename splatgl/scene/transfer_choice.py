@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -12,7 +13,8 @@ from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.options import Group, Kind, checked, declared, option
 from splatgl.splat.colormaps import base_name
-from splatgl.splat.presets import default_transfer, preset
+from splatgl.splat.iso import check_iso
+from splatgl.splat.presets import default_transfer, preset, window_question
 from splatgl.splat.regions import check_regions, move_image
 from splatgl.splat.statistics import statistics
 from splatgl.splat.transfer import Transfer
@@ -256,3 +258,21 @@ def plain_values(keys: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the keys that have a value, as TOML holds it: regions as text."""
     texts = {"regions": [str(region) for region in check_regions(keys["regions"])]} if keys.get("regions") else {}
     return {name: value for name, value in {**keys, **texts}.items() if value is not None}
+
+
+def transfer_notes(keys: Mapping[str, Any], volume: Volume) -> tuple[str, ...]:
+    """Returns notes on a window that may be meant as level and width, and on iso-surfaces at values that no sample of a
+    volume in memory passes. Keys that the transfer function refuses have none.
+    """
+    notes = list[str]()
+    with suppress(TypeError, ValueError):
+        question = window_question(volume, Kind.interval().check(keys.get("window")))
+        notes += [question] * bool(question)
+    with suppress(TypeError, ValueError):
+        values = [surface.value for surface in check_iso(keys.get("iso") or ())]
+        ends = volume.value_range if values else None
+        beyond = ", ".join(f"{value:g}" for value in values if ends and not ends[0] <= value <= ends[1])
+        if beyond and ends is not None:
+            named, unit = volume.quantity or volume.name or "the volume", f" {volume.value_unit}".rstrip()
+            notes.append(f"no surface at {beyond}: {named} has values from {ends[0]:g} to {ends[1]:g}{unit}")
+    return tuple(notes)

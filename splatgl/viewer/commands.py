@@ -147,7 +147,7 @@ def name_of(view: str, volume: Volume) -> str:
 
 def along(view: str, volume: Volume) -> str:
     """The axis that a standard view looks along; the first plane of a microscope's stack is its top."""
-    sign, axis = ALONG[view]
+    sign, axis = ALONG[view][0], ALONG[view][1]
     is_turned = volume.hints.up in (PLANES_UP, ROWS_UP) and axis != "X"
     return f"{'+' if (sign == '-') == is_turned else '-'}{axis}"
 

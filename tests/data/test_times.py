@@ -97,9 +97,7 @@ def test_netcdf_has_its_own_times(form: str, tmp_path: Path, capsys: pytest.Capt
         volume = sg.load(path, time=time, array="q")
         assert (volume.time, volume.times, volume.samples[0, 0, 0]) == (number, 4, number)
     assert volume.moments == Times((0.0, 1.5, 4.0, 30.0), "s") and volume.time_step is None
-    with pytest.raises(
-        InputError, match=r"a\.nc: time: expected a number .*, or one of 0 s, 1\.5 s, .*'7\.0'"
-    ):
+    with pytest.raises(InputError, match=r"a\.nc: time: expected a number .*, or one of 0 s, 1\.5 s, .*'7\.0'"):
         sg.load(path, time=7.0, array="q")
     with pytest.raises(InputError, match=r"time: expected a number from 0 to 3, or a time such as 30\.0, got 9"):
         sg.load(path, time=9, array="q")

@@ -550,6 +550,7 @@ def omero_store(path: Path, rows: list[dict[str, object]]) -> Path:
 
 
 def test_channels_that_a_file_switches_off_are_not_read(tmp_path: Path) -> None:
+    rows: list[dict[str, object]]
     rows = [{"label": name, "color": color} for name, color in (("a", "00FF00"), ("b", "FF0000"), ("c", "FFFFFF"))]
     path = omero_store(tmp_path / "a.zarr", [rows[0], rows[1], {**rows[2], "active": False}])
     volume = sg.load(path)
@@ -562,6 +563,7 @@ def test_channels_that_a_file_switches_off_are_not_read(tmp_path: Path) -> None:
 
 
 def test_inverted_channels_are_full_where_they_are_low(tmp_path: Path) -> None:
+    rows: list[dict[str, object]]
     rows = [{"label": "a", "color": "00FF00"}, {"label": "b", "color": "FF0000", "inverted": True}]
     path = omero_store(tmp_path / "a.zarr", rows)
     plain, negative = channel_transfers(sg.load(path), {}, {})
