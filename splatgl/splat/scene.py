@@ -53,6 +53,12 @@ def channel_colors(channels: Sequence[Volume]) -> list[str]:
     return colors
 
 
+def channel_opacity(volume: Volume, blend: str) -> float:
+    """Opacity of the brightest values of a channel in a blend: SOLID where a pixel shows one value of its ray."""
+    through = float(np.clip(-np.expm1(-THROUGH / min(volume.shape)), LEAST, SURFACE))
+    return SOLID if BLENDS[blend].one_value else through
+
+
 def channel_transfers(
     volume: Volume,
     colors: Mapping[str, str],
@@ -70,8 +76,7 @@ def channel_transfers(
     for name in (*colors, *windows):
         if name not in names and name not in map(str, range(len(names))):
             raise expected("channel", f"one of {', '.join(names)}", repr(name))
-    full = float(np.clip(-np.expm1(-THROUGH / min(volume.shape)), LEAST, SURFACE))
-    full = SOLID if BLENDS[blend].one_value else full
+    full = channel_opacity(volume, blend)
     transfers, usual = [], channel_colors(volume.channels)
     for number, channel in enumerate(volume.channels):
         keys = (channel.name, str(number))

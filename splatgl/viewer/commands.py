@@ -18,6 +18,7 @@ from splatgl.gl.screen import GROUNDS
 from splatgl.scene.view import PLANES_UP, ROWS_UP, angles
 from splatgl.splat.clipping import Plane
 from splatgl.splat.plan import plan
+from splatgl.splat.scene import channel_opacity
 from splatgl.splat.settings import BLENDS, Settings, choices
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts
@@ -230,9 +231,21 @@ def _cycle(name: str, note: str = "") -> Run:
             settings = state.settings.but(**change)
             if not why_not(settings, state, document):
                 break
-        return replace(state, settings=settings, message=f"{name} {value}{note}")
+        return replace(with_settings(state, document, settings), message=f"{name} {value}{note}")
 
     return cycle
+
+
+def with_settings(state: State, document: Document, settings: Settings) -> State:
+    """The state with other settings; the ramps of channels reach the opacity that they have in the blend."""
+    styles = []
+    for layer, style in zip(document.layers, state.styles, strict=False):
+        now, then = (channel_opacity(layer.volume, blend) for blend in (state.settings.blend, settings.blend))
+        most = max(opacity for _, opacity in style.base.points)
+        is_ramp = "channel" in layer.scene.load and not style.base.shading and abs(most - now) < 1e-6
+        points = tuple((value, opacity * then / now) for value, opacity in style.base.points)
+        styles.append(replace(style, base=replace(style.base, points=points)) if is_ramp and then != now else style)
+    return replace(state, settings=settings, styles=(*styles, *state.styles[len(styles) :]))
 
 
 def _light(state: State, document: Document) -> State:

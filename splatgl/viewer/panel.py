@@ -19,7 +19,7 @@ from splatgl.splat.settings import Settings
 from splatgl.splat.statistics import Statistics
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer import hud, panel_sections, transfer_editor
-from splatgl.viewer.commands import HIGHEST, Command, why_not, with_threshold
+from splatgl.viewer.commands import HIGHEST, Command, why_not, with_settings, with_threshold
 from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.file_browser import Browser
 from splatgl.viewer.hud import Frame
@@ -288,7 +288,7 @@ def _settings(state: State, document: Document, names: Iterable[str]) -> State:
         if changed and value is not None:
             settings = state.settings.but(**{name: value})
             why = why_not(settings, state, document) if setting.choices else ""
-            state = replace(state, message=why) if why else replace(state, settings=settings, message="")
+            state = replace(state if why else with_settings(state, document, settings), message=why)
     return state
 
 
