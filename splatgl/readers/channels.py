@@ -50,9 +50,9 @@ class ChannelSet:
     together: bool = False
     times: int = 1
     step: float | None = None
-    moments: Times | None = None
     components: int = 1
     what: str = "channels"
+    moments: Times | None = None
 
     def select(self, options: LoadOptions) -> list[int | None]:
         """Numbers of the selected channels; [None]: the file has only one. Raises Choice if one has to be picked."""

@@ -125,7 +125,7 @@ def find_channels(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, g
     channels = [_read_channel(n, described[n] if n < len(described) else {}) for n in range(count)]
     together = count > 1 and any(channel.color for channel in channels)
     step, moments = _time_step(multiscale, names), None if multiscale else _find_times(group, node, names)
-    return ChannelSet(tuple(channels), together, sizes.get("t", 1), step, moments)
+    return ChannelSet(tuple(channels), together, sizes.get("t", 1), step, moments=moments)
 
 
 def _find_times(group: Any, node: Any, names: Sequence[str]) -> Times | None:
