@@ -549,6 +549,7 @@ def test_numbers_of_scaled_axes_are_the_files(name: str) -> None:
         half = volume.spacing[axis] / 2
         share = (along - bottom - half) / (top - bottom - 2 * half)
         assert np.allclose(numbers, low + share * (high - low), atol=2e-2 * abs(high - low))
+        assert share.min() > -0.15 and share.max() < 1.15
     assert halve_volume(volume).axes == volume.axes
 
 
