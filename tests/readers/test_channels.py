@@ -16,7 +16,7 @@ from splatgl.data.volume import Hints
 from splatgl.fileio import WHOLE_BYTES
 from splatgl.readers.chunked import Chunked
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.view import ViewOptions
+from splatgl.scene.view import ViewOptions, orient_stack
 from splatgl.splat.scene import channel_transfers
 
 tifffile = pytest.importorskip("tifffile")
@@ -431,7 +431,7 @@ def test_channels_are_one_picture(
     full = 1 - np.exp(-6 / 24)
     assert [look.points for look in looks] == [((100, 0), (900, full)), ((50, 0), (800, full))]
     scene = sg.Scene([sg.Layer(each, look) for each, look in zip(volume.channels, looks, strict=True)])
-    pixels = renderer.render(scene, ViewOptions(size=(48, 48)).camera(volume, scene)).pixels
+    pixels = renderer.render(scene, ViewOptions(size=(48, 48)).camera(orient_stack(volume), scene)).pixels
     assert np.array_equal(np.load(out), pixels)
     red, green, blue, alpha = np.moveaxis(pixels, -1, 0)
     assert np.allclose(red, blue, atol=1e-6) and (np.minimum(red, green) > 0.05).sum() > 20 and alpha.max() > 0.7
