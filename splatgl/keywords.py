@@ -80,7 +80,7 @@ class PictureLoadKeywords(TypedDict, total=False):
 class LoadKeywords(PictureLoadKeywords, total=False):
     """Fields of `LoadOptions`."""
 
-    time: int | None
+    time: int | float | str | None
     levels: int
 
 
@@ -179,13 +179,13 @@ class PictureKeywords(PictureSettingsKeywords, PictureLoadKeywords, total=False)
 class RenderKeywords(PictureKeywords, total=False):
     """Options of `render`, `show` and `depth_map`."""
 
-    time: int | None
+    time: int | float | str | None
 
 
 class AnimateKeywords(PictureKeywords, total=False):
     """Options of `animate`."""
 
-    time: slice | int | None
+    time: slice | int | float | str | None
     frames: int | None
     only: tuple[int, int] | None
     turntable: float | None

@@ -147,7 +147,7 @@ class Animation:
 
     @classmethod
     def of(
-        cls, scenes: list[SceneFile], timeline: Timeline, time: int | slice | None, bits: int, is_quiet: bool
+        cls, scenes: list[SceneFile], timeline: Timeline, time: float | str | slice | None, bits: int, is_quiet: bool
     ) -> Animation:
         """The animation of scenes. Reads the first volume, whose transfer function and view apply to all volumes. time:
         as of `time_points`.
@@ -183,7 +183,8 @@ class Animation:
         first, last = timeline.only or (0, count - 1)
         if last >= count:
             raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
-        over = Over(names, scene.annotated_subject, scene.volume.time_step) if names else None
+        times = tuple(map(scene.volume.time_text, range(scene.volume.times))) if scene.volume.times > 1 else ()
+        over = Over(names, scene.annotated_subject, scene.legend[1], times) if names else None
         only = None if series else only
         numbers = range(first, last + 1)
         return cls(scenes, scene.transfer, track, count, numbers, timeline.hold, timeline.flow, bits, only, bands, over)
@@ -380,15 +381,16 @@ class FrameView:
 
 @dataclass(frozen=True, eq=False)
 class Over:
-    """Annotations of all frames. names, subject: as of `annotated`. step: seconds between two time points."""
+    """Annotations of all frames. names, subject, transfer: as of `annotated`. times: of the file's time points."""
 
     names: tuple[str, ...]
     subject: Subject
-    step: float | None
+    transfer: Transfer
+    times: tuple[str, ...]
 
-    def at(self, point: int) -> tuple[str, ...]:
-        """The annotations of a frame of a time point."""
-        time = f"time={point * self.step:g} s" if self.step else f"time={point}"
+    def at(self, point: int | str) -> tuple[str, ...]:
+        """The annotations of a frame of a time point, by its number or its time."""
+        time = f"time={self.times[point] if isinstance(point, int) and point < len(self.times) else point}"
         return tuple(time if name == "time" else name for name in self.names)
 
 
@@ -440,9 +442,10 @@ class Work:
         scene = self.scenes[view.volume]
         image = Image(image.pixels, {**image.info, **provenance_of(scene, self.transfer)})
         if self.over is not None:
-            names = self.over.at(int(scene.load.get("time", view.volume)))
+            names = self.over.at(scene.load.get("time", view.volume))
             backdrop = self.settings.background
-            image = annotated(image, self.over.subject, self.transfer, view.camera, names, backdrop, steady=True)
+            inputs = self.over.subject, self.over.transfer, view.camera, names, backdrop
+            image = annotated(image, *inputs, steady=True)
             image = on_ground(image, backdrop)
         ground = self.settings.background if BLENDS[self.settings.blend].unbounded else None
         return self.frames.encoded(view.frame, image, self.bits, ground)

@@ -33,7 +33,7 @@ BLACK = (0.0, 0.0, 0.0)
 
 # keywords of an animation alone: its time points may be several
 TIMES = {
-    "time": keyword("time", "slice | int | None"),
+    "time": keyword("time", "slice | int | float | str | None"),
     **keywords_of(Timeline),
     **keywords_of(WorkerOptions, *names_of(WorkerOptions)),
     "fps": keyword("fps", "float | None"),

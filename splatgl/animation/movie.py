@@ -133,11 +133,11 @@ def expanded(sources: Iterable[str]) -> list[str]:
     return names
 
 
-def time_points(scene: SceneFile, volume: Volume, requested: int | slice | None) -> list[SceneFile]:
+def time_points(scene: SceneFile, volume: Volume, requested: float | str | slice | None) -> list[SceneFile]:
     """The scene of each time point of a file; one scene for a single point. requested: --time."""
     # the number of an array picks a time point, its name does not
     picked = scene.held is not None or "time" in scene.load or str(scene.load.get("array", "")).isdecimal()
-    if volume.times < 2 or isinstance(requested, int) or picked:
+    if volume.times < 2 or isinstance(requested, float | int | str) or picked:
         if isinstance(requested, slice):
             raise expected("--time", "a file of several time points", volume.times)
         return [scene]

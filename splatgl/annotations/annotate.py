@@ -146,6 +146,12 @@ def check_time(annotate: Sequence[str]) -> None:
         raise expected("annotate", "'time=TEXT'", "'time'")
 
 
+def with_time(annotate: Sequence[str], volume: Volume, number: int) -> tuple[str, ...]:
+    """The annotations, with the text of a time point of a volume of several where the time has none."""
+    time = f"time={volume.time_text(number)}" if volume.times > 1 else "time"
+    return tuple(time if name == "time" else name for name in annotate)
+
+
 def text_of(annotate: Sequence[str], name: str) -> str | None:
     """Text of an annotation, "" if it has none; None if it is not requested."""
     return next((text.partition("=")[2].strip() for text in annotate if text.partition("=")[0] == name), None)

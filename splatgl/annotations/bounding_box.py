@@ -16,6 +16,7 @@ from splatgl.annotations.canvas import (
     split_into_dashes,
 )
 from splatgl.annotations.scale_bar import in_digits, ticks
+from splatgl.data.volume import Axis
 from splatgl.splat.camera import Camera
 
 # ends of the edges along grid x, y and z as indices of corners; corner 4z + 2y + x
@@ -151,7 +152,8 @@ def outward_direction(edge: Edge, subject: Subject, camera: Camera) -> np.ndarra
 def marks(subject: Subject, edge: Edge, camera: Camera, em: int) -> tuple[np.ndarray, list[str], str]:
     """World places [N, 3] of an edge's ticks, their texts, and the name of the axis.
 
-    Along a world axis the ticks are coordinates, else lengths from the first corner along grid axis i, j or k.
+    Along a world axis the ticks are coordinates, those of the file if it has some, else lengths from the first corner
+    along grid axis i, j or k.
     """
     first, second = subject.corners[list(edge.corners)]
     length = float(np.linalg.norm(second - first))
@@ -159,13 +161,15 @@ def marks(subject: Subject, edge: Edge, camera: Camera, em: int) -> tuple[np.nda
     world = int(np.abs(unit).argmax())
     straight = abs(unit[world]) > 1 - ALONG
     start, sign = (float(first[world]), float(np.sign(unit[world]))) if straight else (0.0, 1.0)
-    low, high = sorted((start, start + sign * length))
-    factor, name = in_digits(max(abs(low), abs(high)), subject.unit)
+    known = subject.axes[world] if straight and subject.axes else Axis("xyz"[world], subject.unit)
+    low, high = sorted(known.offset + known.slope * place for place in (start, start + sign * length))
+    factor, name = in_digits(max(abs(low), abs(high)), known.unit)
     shown = np.hypot(*np.subtract(*project_points(np.array([first, second]), camera)))
     most = min(MOST_TICKS, int(shown / (APART * em)))
     values = ticks(low * factor, high * factor, most) if most > 1 else []
-    places = first + unit * ((np.array(values).reshape(-1, 1) / factor - start) * sign)
-    letter = "xyz"[world] if straight else "ijk"[edge.axis]
+    along = (np.array(values).reshape(-1, 1) / factor - known.offset) / (known.slope or 1.0)
+    places = first + unit * ((along - start) * sign)
+    letter = known.name if straight else "ijk"[edge.axis]
     return places, [f"{value:.6g}" for value in values], f"{letter}, {name}" if name else letter
 
 
@@ -184,7 +188,11 @@ def _number(layer: Canvas, subject: Subject, edge: Edge, camera: Camera) -> int:
         missing += not _write(layer, text, [place + out * (start + half)])
     half = float(np.abs(out) @ layer.text_size(name)) / 2
     middle = (a + b) / 2 + out * (reach + half)
-    return missing + (not _write(layer, name, [middle + (b - a) * shift for shift in (0.0, -0.15, 0.15, -0.3, 0.3)]))
+    beside = [middle + (b - a) * shift for shift in (0.0, -0.15, 0.15, -0.3, 0.3)]
+    # a long name goes beyond an end, the upper one first
+    along = (b - a) / (float(np.hypot(*(b - a))) or 1.0)
+    beyond = [end + sign * along * (start + layer.em) for end, sign in sorted(((a, -1), (b, 1)), key=lambda x: x[0][1])]
+    return missing + (not _write(layer, name, [*beside, *beyond]))
 
 
 def _write(layer: Canvas, text: str, middles: list[np.ndarray]) -> bool:

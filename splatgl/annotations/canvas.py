@@ -11,10 +11,11 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from splatgl.annotations.text import MICRO, load_font, plain, write_line
+from splatgl.data.affine import METRES, unit_name
 from splatgl.data.color import Color
 from splatgl.data.figure import HALO_ALPHA, AreaMark, Halo, LinesMark, Mark, PatchMark, TextMark, move_mark
 from splatgl.data.mesh import Mesh
-from splatgl.data.volume import Triple, Volume
+from splatgl.data.volume import Axis, Triple, Volume
 from splatgl.errors import error_prefix, expected
 from splatgl.options import Kind, check_options, declared, option, refuse_unknown
 from splatgl.splat.camera import Camera
@@ -27,6 +28,8 @@ FINE = 4
 # height of the font on paper, in points of 1/72 inch
 PAPER_FONT = 8.0
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+# share of a direction's largest component from which it counts
+ALONG = 1e-6
 # linear light halfway between black and white to the eye
 MIDDLE = 0.18
 # largest light and opacity of an empty pixel
@@ -433,7 +436,8 @@ class Measure:
 class Subject:
     """Volume described by annotations. corners [8, 3]: of the box, world units; center [3]. colored: whether voxels
     have colours. value_name: title of a colour bar, the quantity (else the volume's name) and its unit. scales: of
-    meshes. empty: whether voxels show nothing, as below a lone mesh. measures: distances and angles.
+    meshes. empty: whether voxels show nothing, as below a lone mesh. measures: distances and angles. axes: the file's
+    coordinates, as of a volume.
     """
 
     corners: np.ndarray
@@ -446,13 +450,25 @@ class Subject:
     scales: tuple[Scale, ...] = ()
     empty: bool = False
     measures: tuple[Measure, ...] = ()
+    axes: tuple[Axis, ...] = ()
 
     @classmethod
-    def of(cls, volume: Volume) -> Subject:
-        """The subject of a volume."""
-        colored = volume.color is not None
-        title = ", ".join(filter(None, (volume.quantity or volume.name, volume.value_unit)))
-        return cls(volume.corners, volume.center, volume.unit, volume.name, volume.frame, colored, title)
+    def of(cls, volume: Volume, valued: Volume | None = None) -> Subject:
+        """The subject of a volume. valued: another one, whose values the colour bar shows."""
+        of_bar = valued or volume
+        colored = of_bar.color is not None
+        title = ", ".join(filter(None, (of_bar.quantity or of_bar.name, of_bar.value_unit)))
+        center, unit = volume.center, volume.unit
+        return cls(volume.corners, center, unit, volume.name, volume.frame, colored, title, axes=volume.axes)
+
+    def lengths(self, direction: np.ndarray) -> tuple[float, str] | None:
+        """Length in a unit per world length along a direction [3], and that unit; None along axes of several units."""
+        along = np.abs(direction) > ALONG * float(np.abs(direction).max())
+        scales = {(abs(axis.slope), axis.unit) for axis, is_along in zip(self.axes, along, strict=False) if is_along}
+        # lengths are converted to the unit of the world
+        if all(unit_name(unit) in METRES for unit in (self.unit, *(unit for _, unit in scales))):
+            return 1.0, self.unit
+        return (1.0, self.unit) if not scales else scales.pop() if len(scales) == 1 else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,7 +56,8 @@ def of_values(transfer: Transfer, name: str, blend: str, rows: int) -> ColorBar 
     colors = np.concatenate([transfer.color(values), np.ones((rows, 1))], axis=-1)
     about = STATISTICS.get(blend, "")
     label = f"{about} of {name}" if about and name else about or name or "value"
-    return ColorBar(low, high, colors, transfer.opacity(values), label, transfer.logarithmic)
+    opacity = None if transfer.is_clear else transfer.opacity(values)
+    return ColorBar(low, high, colors, opacity, label, transfer.logarithmic)
 
 
 def of_scale(scale: Scale, rows: int) -> ColorBar:
@@ -95,22 +96,27 @@ def _bars(layer: Canvas, view: AnnotationView) -> list[ColorBar]:
     """Colour bars of the volume and of meshes; adds a note if the volume has none."""
     subject, rows = view.subject, round(TALL * layer.size[1])
     of_meshes = [of_scale(scale, rows) for scale in subject.scales]
-    if subject.empty and of_meshes:
+    if of_meshes and (subject.empty or view.transfer.is_clear):
         return of_meshes
     bar = bar_of(view, rows)
     if bar is None:
         owner = "segments" if view.transfer.labels else "voxels" if subject.colored else ""
+        owner = owner or "surfaces" * view.transfer.is_clear
         why = f"the {owner} have colours of their own" if owner else "there is one value only"
         layer.notes.append(f"no colour bar: {why}" if view.pixels is not None else "no colour bar of this picture")
     return of_meshes if bar is None else [bar, *of_meshes]
 
 
 def bar_of(view: AnnotationView, rows: int) -> ColorBar | None:
-    """Colour bar of the volume; None for volumes with colours, segments, a single value, and for sums in live views."""
+    """Colour bar of the volume; None for volumes with colours, segments, a single value, surfaces in colours of their
+    own, and for sums in live views.
+    """
     if view.subject.colored or view.transfer.labels:
         return None
     if view.blend.startswith("xray"):
         return None if view.pixels is None else of_sums(view.pixels, view.scale, rows)
+    if view.transfer.is_clear and all(surface.color for surface in view.transfer.iso):
+        return None
     return of_values(view.transfer, view.subject.value_name, view.blend, rows)
 
 

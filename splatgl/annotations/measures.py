@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.annotations.bounding_box import clip_to_front, project_points
-from splatgl.annotations.canvas import WHITE, Annotation, AnnotationView, Canvas, Measure
+from splatgl.annotations.canvas import WHITE, Annotation, AnnotationView, Canvas, Measure, Subject
 from splatgl.annotations.scale_bar import length_text
 
 # linear RGB on dark and on light pictures
@@ -14,12 +14,20 @@ BRIGHT, DARK = (1.0, 0.694, 0.0732), (0.305, 0.0666, 0.0)
 DOT, ARC, STEPS = 3.0, 0.3, 24
 
 
-def measure_text(measure: Measure, unit: str) -> str:
-    """The length in its unit, or the angle in degrees; after the name, if there is one."""
+def measure_text(measure: Measure, subject: Subject) -> str:
+    """The length in its unit, or the angle in degrees; after the name, if there is one. Along axes of several units the
+    distances along each of them, and no angle.
+    """
     points = np.array(measure.points)
-    if len(points) == 2:
-        length = float(f"{np.linalg.norm(points[1] - points[0]):.4g}")
-        value = length_text(length, unit)
+    sides = points[1:] - points[:-1]
+    lengths = [subject.lengths(side) for side in sides if side.any()]
+    if any(each is None or each != lengths[0] for each in lengths):
+        apart = [(axis, abs(axis.slope * side)) for axis, side in zip(subject.axes, sides[0], strict=True) if side]
+        texts = [f"{axis.name} {length:.4g} {axis.unit}".rstrip() for axis, length in apart]
+        value = ", ".join(texts) if len(points) == 2 else "no angle: axes have several units"
+    elif len(points) == 2:
+        factor, unit = lengths[0] if lengths and lengths[0] else (1.0, subject.unit)
+        value = length_text(float(f"{factor * np.linalg.norm(sides[0]):.4g}"), unit)
     else:
         value = f"{_angle(points):.4g}°"
     return f"{measure.name}: {value}" if measure.name else value
@@ -44,7 +52,7 @@ def draw(layer: Canvas, view: AnnotationView) -> None:
         depth = view.camera.eye_from_points(points)[:, 2]
         ahead = points[(depth > 0) | (not view.camera.perspective)]
         layer.segments(np.tile(project_points(ahead, view.camera), 2), color, width=DOT * layer.stroke)
-        text = measure_text(measure, view.subject.unit)
+        text = measure_text(measure, view.subject)
         middle = (lines[0, :2] + lines[0, 2:]) / 2 if len(points) == 2 else lines[0, 2:]
         layer.write(text, _corners_beside(layer, text, middle), f"measure {text}", color)
 

@@ -28,13 +28,14 @@ class BarScale(NamedTuple):
 
 
 def scale_of(subject: Subject, camera: Camera) -> BarScale | None:
-    """Scale bar of a view; None if the volume's centre is behind a perspective eye."""
+    """Scale bar of a view; None if the volume's centre is behind a perspective eye, or across axes of several units."""
     depth = float(camera.eye_from_points(subject.center)[2])
-    if camera.perspective and not depth > 0:
+    lengths = subject.lengths(camera.eye_from_world[0])
+    if (camera.perspective and not depth > 0) or lengths is None:
         return None
-    pitch = float(camera.pixel_pitch(depth))
+    pitch = float(camera.pixel_pitch(depth)) * lengths[0]
     length = nice_below(WIDEST * camera.size[0] * pitch)
-    return BarScale(length / pitch, length_text(length, subject.unit))
+    return BarScale(length / pitch, length_text(length, lengths[1]))
 
 
 def length_text(length: float, unit: str) -> str:
@@ -64,7 +65,9 @@ def draw(layer: Canvas, view: AnnotationView) -> None:
     """Draws the scale bar at the lower right, or further left where the image is empty."""
     scale = scale_of(view.subject, view.camera)
     if scale is None:
-        layer.notes.append("no scale bar: the centre of the volume is behind the eye")
+        behind = view.subject.lengths(view.camera.eye_from_world[0]) is not None
+        why = "the centre of the volume is behind the eye" if behind else "across the picture axes have several units"
+        layer.notes.append(f"no scale bar: {why}")
         return
     labels = [PERSPECTIVE, scale.label] if view.camera.perspective else [scale.label]
     sizes = [layer.text_size(label) for label in labels]

@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     check_source(output, source)
     times = options.pop("time", None)
 
-    def open_time(number: int | None) -> Volume:
+    def open_time(number: int | str | None) -> Volume:
         is_scene = source in SCENES and not options
         given: dict[str, Any] = {} if number is None else {"time": number}
         volume = SCENES[source]() if is_scene else load(source, **options, **given)
@@ -60,13 +60,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read_times(
-    open_time: Callable[[int | None], Volume], times: Any, holds_times: bool
+    open_time: Callable[[int | str | None], Volume], times: Any, holds_times: bool
 ) -> tuple[Volume, list[int] | None]:
     """The first volume to write, and the numbers of the time points if they are several.
 
     times: --time, a number or a slice; None: all that the file has, if the format holds them.
     """
-    if isinstance(times, int):
+    if isinstance(times, int | str):
         return open_time(times), None
     volume = open_time(None)
     if times is None and not (holds_times and volume.times > 1):

@@ -22,6 +22,8 @@ from splatgl.splat.settings import Settings
 
 # columns of the page, for terminals of 80 columns
 WIDTH = 78
+# most times that are listed
+MOST_TIMES = 8
 # bars of the histogram, which fit a screen together with the text above
 BINS = 16
 # samples per slab, so that mapped files are never read whole: bins and copies take some 30 MiB
@@ -82,6 +84,8 @@ def as_json(source: str, volume: Volume) -> str:
         **{name: getattr(volume, name) for name in ("name", "unit", "frame", "quantity", "value_unit")},
         "voxels": volume.shape[::-1],
         **{name: getattr(volume, name) for name in ("spacing", "origin", "times", "time_step")},
+        "time_values": None if volume.moments is None else volume.moments.values,
+        "time_unit": "" if volume.moments is None else volume.moments.unit,
         "direction": volume.direction.tolist(),
         "dtype": volume.samples.dtype.name,
         "levels": [level.shape[::-1] for level in levels],
@@ -196,7 +200,12 @@ def _channel_lines(volume: Volume) -> list[str]:
         lines.append(_line("", "all are drawn; --channel N|NAME,… picks"))
     if volume.times > 1:
         step = f", {_number(volume.time_step)} s apart" if volume.time_step else ""
-        lines.append(_line("times", f"0 … {volume.times - 1}{step}: --time N picks; splatgl animate plays them"))
+        text = f"0 … {volume.times - 1}{step}: --time N picks; splatgl animate plays them"
+        lines.append(_line("times", text))
+        if volume.moments is not None:
+            texts = [volume.time_text(n) for n in range(volume.times)]
+            few = texts if len(texts) <= MOST_TIMES else [*texts[: MOST_TIMES - 2], "…", texts[-1]]
+            lines.append(_line("", ", ".join(few) + ": --time TIME picks, too"))
     return lines
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.volume import Triple, Volume, triple
+from splatgl.data.volume import Axis, Triple, Volume, triple
 from splatgl.errors import expected
 from splatgl.fileio import WHOLE_BYTES, budget, byte_count
 
@@ -82,7 +82,7 @@ class Coordinate:
 class Lattice:
     """matrix: world-from-index [3, 3]; origin (x, y, z); unit of length. between: fractional sample indices of the
     resampled planes along z, y, x, or None; at: fractional plane indices of the samples. notes: on resampled axes, in
-    one line, and on scaled ones.
+    one line, and on scaled ones. axes: as of a volume.
     """
 
     matrix: np.ndarray
@@ -91,6 +91,7 @@ class Lattice:
     between: tuple[np.ndarray | None, ...]
     at: tuple[np.ndarray | None, ...]
     notes: tuple[str, ...]
+    axes: tuple[Axis, ...] = ()
 
     def resampled(self, samples: Any) -> Any:
         """The samples [z, y, x, …] at the planes; read in parts if they take more than WHOLE_BYTES."""
@@ -107,7 +108,9 @@ class Lattice:
         if resampled is not samples:
             notes[0] += f"; {self._describe_error(samples, resampled)}"
         notes += more.pop("notes", ())
-        return volume_on_grid(resampled, self.matrix, self.origin, what, notes=tuple(notes), unit=self.unit, **more)
+        return volume_on_grid(
+            resampled, self.matrix, self.origin, what, notes=tuple(notes), unit=self.unit, axes=self.axes, **more
+        )
 
     def _describe_error(self, samples: Any, resampled: Any) -> str:
         """The error of resampled values, linear between planes, at the samples' own places; of large ones in a box
@@ -196,7 +199,12 @@ def make_lattice(axes: Sequence[Coordinate], of: str = "", even: bool = False) -
     known = [abs(step) for step in scaled_steps if np.isfinite(step)] or [1.0]
     scaled_steps = [step if np.isfinite(step) else min(known) for step in scaled_steps]
     origin = [0.0] * 3 if even else [start * factor for start, factor in zip(starts, factors, strict=True)]
-    return Lattice(np.diag(scaled_steps[::-1]), origin[::-1], unit, tuple(between), tuple(at), tuple(notes))
+    matrix, named = np.diag(scaled_steps[::-1]), list[Axis]()
+    if not even and any(axis.places is not None for axis in axes):
+        slopes = ((-1.0 if axis.is_down else 1.0) / factor for axis, factor in zip(axes, factors, strict=True))
+        short = (axis.name.rsplit("/", 1)[-1] for axis in axes)
+        named = [Axis(name, axis.unit, slope) for name, axis, slope in zip(short, axes, slopes, strict=True)]
+    return Lattice(matrix, origin[::-1], unit, tuple(between), tuple(at), tuple(notes), tuple(named[::-1]))
 
 
 def _plane_counts(every: Sequence[np.ndarray]) -> list[int]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -63,6 +65,43 @@ def luma(color: np.ndarray) -> np.ndarray:
         bright = source[..., :3] @ LUMA
         np.rint(bright * (source[..., 3] / np.float32(255)) if has_alpha else bright, out=plane, casting="unsafe")
     return result
+
+
+# colours of channels whose file states none, in the order in which they are given away
+CHANNEL_COLORS = {
+    **{"blue": "#4a7dff", "green": "#3ddc5a", "red": "#ff4b4b", "yellow": "#ffd23d"},
+    **{"cyan": "#38e1e1", "magenta": "#ff5adf", "orange": "#ff9a3d", "gray": "#c9c9c9"},
+}
+# dyes, proteins and modes of light by the colour in which they are usually shown
+_DYES = {
+    "blue": "dapi hoechst bfp ebfp ebfp2 nucblue pacificblue violet",
+    "cyan": "cfp ecfp cerulean mcerulean turquoise mturquoise mturquoise2 mtfp1",
+    "green": "gfp egfp sfgfp mgfp fitc fluorescein cy2 mneongreen neongreen mclover calcein gcamp oregongreen",
+    "yellow": "yfp eyfp venus mvenus citrine mcitrine ypet",
+    "orange": "cy3 cy35 mko mko2 morange tmrm",
+    "red": "mcherry cherry rfp mrfp tagrfp mruby mscarlet dsred tdtomato tomato tritc rhodamine texasred "
+    "propidiumiodide mkate mkate2 mapple",
+    "magenta": "cy5 cy55 cy7 irfp mirfp farred draq5 infrared purple",
+    "gray": "brightfield bf dic phase phasecontrast transmitted transmittedlight tpmt grey white reflection",
+}
+DYES = {name: color for color, names in _DYES.items() for name in (color, *names.split())}
+# families of dyes, which an excitation follows, and the longest excitation, nm, of each colour
+FAMILIES = ("alexa", "alexafluor", "af", "atto", "cf", "dylight", "jf", "janeliafluor", "laser")
+EXCITATIONS = ((440, "blue"), (475, "cyan"), (530, "green"), (560, "orange"), (620, "red"), (800, "magenta"))
+
+
+def color_of_dye(name: str) -> str | None:
+    """Colour "#rrggbb" of a channel by its name: a dye or protein, its excitation in nm, or a colour; else None."""
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", " ", re.sub(r"(?<=\d)\.(?=\d)", "", name))
+    words = re.findall("[a-z0-9]+", apart.lower())
+    # names of two words first, such as far red
+    for word in (*map("".join, pairwise(words)), *words, "".join(words)):
+        if word in DYES:
+            return CHANNEL_COLORS[DYES[word]]
+    dye = re.search(r"([a-z]*)([3-7]\d\d)(?!\d)", "".join(words))
+    if dye is None or not (dye[1] in ("", "a") or dye[1].endswith(FAMILIES)):
+        return None
+    return CHANNEL_COLORS[next(color for longest, color in EXCITATIONS if int(dye[2]) <= longest)]
 
 
 Color = tuple[float, float, float]

@@ -16,14 +16,16 @@ SAMPLED, NEIGHBOURS = 512, 8
 OUTLIERS = 0.01
 # side of the first cells of the search, in those that would hold one point each if all filled their box
 FIRST = 0.25
-# most classes of sizes; sizes within this factor are equal
+# most classes of sizes; sizes within this factor are equal if there are more of them
 MOST_SIZES, ALIKE = 7, 1.1
+# relative rounding of sizes that are equal
+ROUNDING = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
     """Points at world places. places: float64 [N, 3], finite. colors: linear RGB, float32 [N, 3]. size: their diameter,
-    world units.
+    world units, at which their opacity is ½.
     """
 
     places: np.ndarray
@@ -49,8 +51,13 @@ class Points:
 
 
 def size_classes(sizes: np.ndarray) -> list[tuple[float, np.ndarray]]:
-    """Up to MOST_SIZES sizes, evenly spaced by their factor, for sizes [N], and the numbers of the points of each."""
+    """Up to MOST_SIZES sizes for sizes [N], and the numbers of the points of each: the sizes themselves, or of more of
+    them classes that are evenly spaced by their factor.
+    """
     low, high = float(sizes.min()), float(sizes.max())
+    known, number = np.unique(np.rint(np.log(sizes) / ROUNDING), return_inverse=True)
+    if len(known) <= MOST_SIZES:
+        return [(float(np.median(sizes[number == n])), np.flatnonzero(number == n)) for n in range(len(known))]
     count = min(int(np.ceil(np.log(high / low) / np.log(ALIKE))), MOST_SIZES)
     if count < 2:
         return [(float(np.sqrt(low * high)), np.arange(len(sizes)))]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
+from splatgl.data.times import Times
 from splatgl.errors import InputError, expected, list_names
 from splatgl.options import keywords_of, with_keywords
 
@@ -45,8 +46,9 @@ class Hints:
     opacity per `unit` world lengths (None: the mean spacing). preset: a transfer preset's name.
     The view is either an orbit (azimuth, elevation in degrees) or an eye and a target in world
     units; fov is the full vertical angle in degrees; orthographic: parallel rays, unless a fov is
-    set. color: "#rrggbb" of a channel at its brightest.
-    stack: whether the samples are planes of a microscope. values: "labels", "mask" or "amounts", their meaning.
+    set. color: "#rrggbb" of a channel at its brightest; inverted: which its low values are.
+    stack: whether the samples are planes of a microscope, or other pictures. values: "labels", "mask" or "amounts",
+    their meaning.
     """
 
     window: tuple[float, float] | None = None
@@ -55,6 +57,7 @@ class Hints:
     preset: str | None = None
     colormap: str | None = None
     color: str | None = None
+    inverted: bool = False
     shading: bool | None = None
     azimuth: float | None = None
     elevation: float | None = None
@@ -76,6 +79,16 @@ class Label:
     color: str | None = None
     opacity: float = 1.0
     hidden: bool = False
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A file's coordinate along an axis of the world: offset + slope · place, in its unit, under its name."""
+
+    name: str
+    unit: str = ""
+    slope: float = 1.0
+    offset: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +143,9 @@ class Volume:
     coarser: the further levels of a multiscale image, with fewer voxels, finer first.
     labels: table of the segments that samples number (empty: the file has none); None: samples are amounts.
     channels: all channels that were read, with names, if the file has several; samples are the first channel's.
-    times: time points of the file, of which this is one; time_step: seconds between two.
+    times: time points of the file, of which this is the one number `time`; time_step: seconds between two; moments:
+    their times, where the file states them.
+    axes: the file's coordinates along x, y and z of the world, where these are scaled or have names; () else.
     quantity, value_unit: names of what samples measure, and of its unit ("HU", "K"), as the file states them.
     masks: a Mask or Scissors each, which restrict it; see `masked`.
     points: drawn instead of the samples, which are then empty, with the opacity of the value 1.
@@ -161,6 +176,9 @@ class Volume:
     channels: tuple[Volume, ...] = ()
     times: int = 1
     time_step: float | None = None
+    time: int = 0
+    moments: Times | None = None
+    axes: tuple[Axis, ...] = ()
     value_unit: str = ""
     quantity: str = ""
     masks: tuple[Any, ...] = ()
@@ -329,11 +347,33 @@ class Volume:
         return [(name, text) for name, text in listed.items() if text]
 
     def _range_text(self) -> str:
-        """The least and the largest finite value; "" of many samples, of those not in memory, and if none is finite."""
+        """The least and the largest finite value; "" where they are not known."""
+        ends = self.value_range
+        return f"{ends[0]:g} … {ends[1]:g} {self.value_unit}".strip() if ends else ""
+
+    @property
+    def value_range(self) -> tuple[float, float] | None:
+        """The least and the largest finite value; None of many samples or files in parts, and if none is finite."""
         if not isinstance(self.samples, np.ndarray) or self.count > MOST_SCANNED:
-            return ""
+            return None
         values = self.samples[np.isfinite(self.samples)] if self.samples.dtype.kind == "f" else self.samples
-        return f"{values.min():g} … {values.max():g} {self.value_unit}".strip() if values.size else ""
+        return (float(values.min()), float(values.max())) if values.size else None
+
+    def time_text(self, number: int) -> str:
+        """The time of a time point by the file, else by the time between two, else its number."""
+        known = self._known_times
+        return known.text(number) if known and number < len(known.values) else str(number)
+
+    def time_number(self, text: str) -> int:
+        """The time point of a time, such as "1.5 s". Raises InputError if there is none."""
+        if self._known_times is None:
+            raise expected("time", "a number, as the file states no times", repr(text))
+        return self._known_times.number(text)
+
+    @property
+    def _known_times(self) -> Times | None:
+        steps = None if self.time_step is None else Times(tuple(n * self.time_step for n in range(self.times)), "s")
+        return self.moments or steps
 
     @property
     def shape(self) -> tuple[int, int, int]:

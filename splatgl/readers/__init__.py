@@ -58,6 +58,9 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: Unpack[L
             names = [field.name for field in fields(LoadOptions)]
             refuse_unknown("options", sorted(given), names, f"some of {', '.join(names)}")
             load_options = replace(options or LoadOptions(), **given)  # type: ignore[arg-type]
+            if isinstance(load_options.time, str):
+                first = load(str(path), replace(load_options, time=None))
+                load_options = replace(load_options, time=first.time_number(load_options.time))
             return _load_remote(str(path), load_options) if is_address(path) else _load(Path(path), load_options)
     except InputError as error:
         raise _with_path(path, error) from error.__cause__

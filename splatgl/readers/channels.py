@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.color import luma
+from splatgl.data.times import Times
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, expected, list_names
 from splatgl.readers.common import parse_number
@@ -26,18 +27,23 @@ TIME_HINT = "--time picks another"
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel: its name, its colour "#rrggbb" and its window of values from black to full, if the file has them."""
+    """A channel: its name, its colour "#rrggbb" and its window of values from black to full, if the file has them.
+    active: whether the file shows it. inverted: whether low values are the full ones.
+    """
 
     name: str
     color: str | None = None
     window: tuple[float, float] | None = None
+    active: bool = True
+    inverted: bool = False
 
 
 @dataclass(frozen=True)
 class ChannelSet:
     """channels: of a file, empty if it has only one. together: whether the file shows them as one picture.
-    times: number of time points; step: seconds between two, None if unknown. components: numbers per voxel without
-    channels, such as those of a colour; `channel` picks one. what: the name of the channels in messages.
+    times: number of time points; step: seconds between two, None if unknown; moments: as of a volume. components:
+    numbers per voxel without channels, such as those of a colour; `channel` picks one. what: the name of the channels
+    in messages.
     """
 
     channels: tuple[Channel, ...] = ()
@@ -46,6 +52,7 @@ class ChannelSet:
     step: float | None = None
     components: int = 1
     what: str = "channels"
+    moments: Times | None = None
 
     def select(self, options: LoadOptions) -> list[int | None]:
         """Numbers of the selected channels; [None]: the file has only one. Raises Choice if one has to be picked."""
@@ -61,7 +68,9 @@ class ChannelSet:
             fix = f"pick with channel=0 … channel={count - 1}, channel=all"
             error = expected("axes", "one sample per voxel", f"{count} {self.what}", fix)
             raise Choice(str(error), "channel", [(str(n), channel.name) for n, channel in enumerate(self.channels)])
-        if requested is None or requested == "all":
+        if requested is None:
+            return [n for n, channel in enumerate(self.channels) if channel.active] or list(range(count))
+        if requested == "all":
             return list(range(count))
         return [self._number(part.strip(), count) for part in str(requested).split(",")]
 
@@ -76,27 +85,32 @@ class ChannelSet:
 
     def volume(self, options: LoadOptions, read: Callable[[int | None], Volume]) -> Volume:
         """The volume of the selected channels. read: reads the channel of a number."""
-        if options.time is not None and options.time >= self.times:
+        if options.time is not None and options.point >= self.times:
             this = f"a number from 0 to {self.times - 1}" if self.times > 1 else "a file of several time points"
+            this += f", or a time such as {self.moments.values[-1]}" if self.moments else ""
             raise expected("time", this, options.time)
         numbers = self.select(options)
         volumes = [self._named(read(number), number) for number in numbers]
         notes = volumes[0].notes
         if self.times > 1 and options.time is None and options.array is None:
             notes = (*notes, f"time 0 of {self.times}: {TIME_HINT}")
-        first = replace(volumes[0], times=self.times, time_step=self.step, notes=notes)
+        off = [channel.name or str(n) for n, channel in enumerate(self.channels) if n not in numbers]
+        if off and options.channel is None and None not in numbers:
+            notes = (*notes, f"channel {list_names(off)}: switched off in the file; --channel all draws every channel")
+        first = replace(volumes[0], times=self.times, time_step=self.step, time=options.point, notes=notes)
+        first = replace(first, moments=self.moments)
         return replace(first, channels=tuple(volumes)) if len(volumes) > 1 else first
 
     def _named(self, volume: Volume, number: int | None) -> Volume:
         if number is None or len(self.channels) < 2:
             return volume
         channel = self.channels[number]
-        hints = replace(volume.hints, window=channel.window, color=channel.color)
+        hints = replace(volume.hints, window=channel.window, color=channel.color, inverted=channel.inverted)
         return replace(volume, name=channel.name or str(number), hints=hints)
 
 
 def mark_microscope(volume: Volume) -> Volume:
-    """The volume, marked as a microscope's planes."""
+    """The volume, marked as a stack of pictures, such as a microscope's, whose rows go down."""
     return replace(volume, hints=replace(volume.hints, stack=True))
 
 

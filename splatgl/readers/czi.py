@@ -202,7 +202,8 @@ def _read_channels(root: Element, count: int, first: int, dtype: np.dtype) -> tu
         color = next((f"#{text[-6:].lower()}" for text in colors if _COLOR.fullmatch(text)), None)
         low, high = ((nodes[-1].findtext(end) if nodes else None) for end in ("Low", "High"))
         window = parse_window(parse_number(low) * most, parse_number(high) * most) if most else None
-        channels.append(Channel(name, color, window))
+        is_off = number < len(shown) and shown[number].findtext("IsSelected", "").lower() == "false"
+        channels.append(Channel(name, color, window, active=not is_off))
     return tuple(channels)
 
 

@@ -31,6 +31,7 @@ from splatgl.data.affine import (
     value_unit_name,
 )
 from splatgl.data.arrays import Transposed
+from splatgl.data.times import Times
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError, expected
 from splatgl.readers import vtkhdf
@@ -156,7 +157,8 @@ def _find_channels(
     channel_set = ChannelSet(channels, components=components, what=what)
     if time is None:
         return channel_set
-    return replace(channel_set, times=dataset.shape[time], step=_time_step(path, dataset, time, options))
+    step, moments = _find_times(path, dataset, time, options)
+    return replace(channel_set, times=dataset.shape[time], step=step, moments=moments)
 
 
 def list_datasets(path: Path) -> list[str]:
@@ -299,17 +301,21 @@ def _read_scale(path: Path, scale: Scale, size: int, options: LoadOptions) -> np
     return scale.spread(np.asarray(places[:], np.float64), size)
 
 
-def _time_step(path: Path, dataset: Any, axis: int, options: LoadOptions) -> float | None:
-    """Seconds between two time points by the scale of their axis, also in CF's "hours since …"; None if unknown."""
+def _find_times(path: Path, dataset: Any, axis: int, options: LoadOptions) -> tuple[float | None, Times | None]:
+    """Seconds between two time points, and their times, by the scale of their axis, also in CF's "hours since …"; None
+    if unknown.
+    """
     scale, size = axis_scales(dataset)[axis], dataset.shape[axis]
     if scale is None or not _is_scale(scale, size):
-        return None
+        return None, None
     about = scale.attributes
-    unit = seconds_in((about["units"] or about["unit"]).split(" ")[0])
+    stated = about["units"] or about["unit"]
+    unit = seconds_in(stated.split(" ")[0])
     places = _read_scale(path, scale, size, options)
     steps = np.diff(places)
     even = len(steps) and np.isfinite(places).all() and np.ptp(steps) <= 1e-3 * abs(steps[0])
-    return float(steps[0]) * unit if unit and even and steps[0] > 0 else None
+    step = float(steps[0]) * unit if unit and even and steps[0] > 0 else None
+    return step, Times.of(places, stated, attribute_text(scale.node, "calendar"))
 
 
 def _unit(node: Any) -> str:

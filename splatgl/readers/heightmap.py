@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.volume import Hints, Volume
+from splatgl.data.volume import Axis, Hints, Volume
 from splatgl.errors import expected
 from splatgl.fileio import require_memory
 from splatgl.readers.channels import mark_microscope, split_colors
@@ -170,11 +170,14 @@ def make_terrain(path: Path, rows: np.ndarray, options: LoadOptions, survey: Sur
     values = values * survey.slope + survey.offset
     volume = terrain_from_heights(values, color, options.levels, options.relief)
     notes = (*survey.notes, *new_notes)
-    if survey.step is None:
-        return replace(volume, notes=notes)
-    relief = options.relief or float(np.nanmax(values) - np.nanmin(values)) or min(survey.step)
-    spacing = (*survey.step, relief / (options.levels - 1))
-    return replace(volume, spacing=spacing, unit=survey.unit, notes=notes)
+    least, most = float(np.nanmin(values)), float(np.nanmax(values))
+    spacing = volume.spacing
+    if survey.step is not None:
+        relief = options.relief or most - least or min(survey.step)
+        spacing = (*survey.step, relief / (options.levels - 1))
+    height = Axis("height", survey.unit, (most - least) / (spacing[2] * (options.levels - 1)), least)
+    axes = (Axis("x", survey.unit), Axis("y", survey.unit), height)
+    return replace(volume, spacing=spacing, unit=survey.unit, notes=notes, axes=axes)
 
 
 def _mask_missing(heights: np.ndarray, missing: float | None) -> tuple[np.ndarray, list[str]]:

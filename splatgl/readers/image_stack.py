@@ -20,7 +20,7 @@ from splatgl.data.affine import metres_in, unit_name
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra, list_names
 from splatgl.fileio import WHOLE_BYTES, byte_count, decode_text, require_memory
-from splatgl.readers.channels import Channel, ChannelSet, split_colors
+from splatgl.readers.channels import Channel, ChannelSet, mark_microscope, split_colors
 from splatgl.readers.chunked import Chunked, OneFile, file_tag
 from splatgl.readers.common import decoder_errors, parse_number
 from splatgl.readers.dicom_pixels import MOST_TILES, picture_size
@@ -84,9 +84,9 @@ def read(path: Path, options: LoadOptions) -> Volume:
     of = ChannelSet(tuple(map(Channel, channels)) if len(channels) > 1 else (), times=max(len(times), 1))
 
     def read_one(channel: int | None) -> Volume:
-        return _read_stack(stacks[channel or 0, options.time or 0], first)
+        return _read_stack(stacks[channel or 0, options.point], first)
 
-    volume = of.volume(options, read_one)
+    volume = mark_microscope(of.volume(options, read_one))
     channels_on_grid = tuple(replace(channel, spacing=spacing, unit=unit) for channel in volume.channels)
     return replace(volume, spacing=spacing, unit=unit, channels=channels_on_grid, notes=(*notes, *volume.notes))
 

@@ -68,7 +68,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
     def read_samples(_: int | None) -> Volume:
         samples = _read_data(path, fields, (files, start), shape, options.anywhere)
-        samples = samples[options.time or 0] if len(sizes) > 3 else samples
+        samples = samples[options.point] if len(sizes) > 3 else samples
         return _volume(samples, fields, options)
 
     return time_points.volume(replace(options, channel=None), read_samples)

@@ -123,7 +123,7 @@ def _volume(
     points = ChannelSet(times=times, step=step if 0 < step < math.inf else None)
 
     def read_one(_: int | None) -> Volume:
-        samples = read_samples(options.time or 0)
+        samples = read_samples(options.point)
         if samples.dtype.kind not in "buif":
             raise expected("samples", "real numbers", samples.dtype, "convert it to one number per voxel")
         samples = samples.astype(np.float32) if samples.dtype == _SCALED else samples

@@ -377,7 +377,7 @@ def _index(sizes: tuple[int, ...], options: LoadOptions, whole: int | None) -> t
     # if there are several arrays, `array` picks one, not a time point
     picked: dict[int, str | int] = {axis: "array" if axis in arrays else 0 for axis in range(4, len(sizes))}
     if len(sizes) > 3:
-        picked[3] = options.time or 0 if arrays else "time"
+        picked[3] = options.point if arrays else "time"
     picked.pop(-1 if whole is None else whole, None)
     return options.index(sizes, picked), notes
 

@@ -21,17 +21,11 @@ from splatgl.data.affine import (
     unit_name,
     value_unit_name,
 )
+from splatgl.data.times import Times
 from splatgl.data.volume import Hints, Label, Triple, Volume
 from splatgl.errors import Choice, expected, import_extra, list_names
 from splatgl.fileio import WHOLE_BYTES, byte_count
-from splatgl.readers.channels import (
-    MOST_CHANNELS,
-    Channel,
-    ChannelSet,
-    hex_color,
-    mark_microscope,
-    parse_window,
-)
+from splatgl.readers.channels import MOST_CHANNELS, Channel, ChannelSet, hex_color, mark_microscope, parse_window
 from splatgl.readers.chunked import Chunked, TransposedChunks
 from splatgl.readers.common import array_fields, decoder_errors
 from splatgl.readers.options import LoadOptions
@@ -76,7 +70,19 @@ def find_channels(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, g
     described = channel_names(group, node, names, count) if multiscale is None and count > 1 else metadata
     channels = [_read_channel(n, described[n] if n < len(described) else {}) for n in range(count)]
     together = count > 1 and any(channel.color for channel in channels)
-    return ChannelSet(tuple(channels), together, sizes.get("t", 1), _time_step(multiscale, names))
+    step, moments = _time_step(multiscale, names), None if multiscale else _find_times(group, node, names)
+    return ChannelSet(tuple(channels), together, sizes.get("t", 1), step, moments=moments)
+
+
+def _find_times(group: Any, node: Any, names: Sequence[str]) -> Times | None:
+    """The times in an array of numbers with the name of the time's dimension, as xarray writes them."""
+    dimensions = [name for name, kind in zip(dimension_names(node), names, strict=False) if kind == "t"]
+    array: Any = group.get(dimensions[0]) if group is not None and dimensions else None
+    shape = node.shape[list(names).index("t")] if "t" in names else 0
+    if getattr(array, "shape", None) != (shape,) or array.dtype.kind not in "uif":
+        return None
+    about = array.attrs.asdict()
+    return Times.of(array[:], str(about.get("units") or ""), str(about.get("calendar") or ""))
 
 
 def _read_channel(number: int, metadata: Any) -> Channel:
@@ -88,6 +94,8 @@ def _read_channel(number: int, metadata: Any) -> Channel:
         str(metadata.get("label") or number),
         f"#{color.lower()}" if re.fullmatch("[0-9a-fA-F]{6}", color) else None,
         parse_window(window.get("start"), window.get("end")),
+        metadata.get("active") is not False,
+        metadata.get("inverted") is True,
     )
 
 

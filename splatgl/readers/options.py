@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.times import is_time
 from splatgl.data.volume import Triple
 from splatgl.errors import Choice, expected
 from splatgl.options import Group, Kind, check_options, non_default, option
@@ -100,8 +101,17 @@ def _channel(value: Any) -> int | str:
     return Kind.whole(0, this="zero or more").check(int(value) if isinstance(value, str) else value)
 
 
-def read_time(text: str) -> int | slice:
-    """A time point, or time points FIRST:END:STEP as in Python. Raises ValueError for other text."""
+def _time(value: Any) -> int | str:
+    """A number of a time point, or the text of a time; numbers that are not whole are times. ValueError for others."""
+    if isinstance(value, float | np.floating):
+        return repr(float(value))
+    return value if isinstance(value, str) and is_time(value) else Kind.whole(0).check(value)
+
+
+def read_time(text: str) -> int | slice | str:
+    """A time point, its time, or time points FIRST:END:STEP as in Python. Raises ValueError for other text."""
+    if is_time(text):
+        return text
     parts = [int(part) if part else None for part in text.split(":")]
     if len(parts) == 1 and parts[0] is not None:
         return parts[0]
@@ -155,10 +165,18 @@ class LoadOptions:
         "number of a channel, from 0. Of TIFF, Zarr and Imaris also its name, several, or all",
         level="basic",
     )
-    time: int | None = _option(
+    time: int | str | None = _option(
         None,
-        Kind("zero or more", Kind.whole(0).check, read_time, "N", written="a number, or FIRST:END:STEP", hint="int"),
-        "time point of a file, from 0. animate and convert take several, FIRST:END:STEP",
+        Kind(
+            "zero or more, or a time such as 1.5s",
+            _time,
+            read_time,
+            "N|TIME",
+            written="a number, a time such as 1.5s, or FIRST:END:STEP",
+            hint="int | float | str",
+        ),
+        "time point of a file, from 0, or its time, such as 2.0, 1.5s or 2019-03-21. animate and convert take several, "
+        "FIRST:END:STEP",
     )
     level: int | None = _option(
         None,
@@ -256,9 +274,14 @@ class LoadOptions:
         """The time point below `count`: `time`, else `array`, else the first. InputError if both are given."""
         if self.time is not None and self.array is not None:
             raise expected("array", "none beside time", repr(self.array), "leave one of them out")
-        if self.time is not None and self.time >= count:
+        if self.time is not None and self.point >= count:
             raise expected("time", f"a number from 0 to {count - 1}", self.time)
-        return self.time if self.time is not None else self.array_number(count) or 0
+        return self.point if self.time is not None else self.array_number(count) or 0
+
+    @property
+    def point(self) -> int:
+        """The number of the time point, 0 by default; `load` has replaced times by numbers."""
+        return int(self.time or 0)
 
     def array_number(self, count: int) -> int | None:
         """`array` as a number below `count`, or None if it was not given."""

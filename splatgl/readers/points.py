@@ -35,7 +35,7 @@ POINT_BYTES = 48
 OUTSIDE = 0.01
 SUFFIXES = (".las", ".laz", ".pcd")
 # default size of points in spacings: of points at random, gaps as wide as a spacing are frequent
-WIDER = 1.5
+WIDER = 2.5
 # opacity of a surface of points that are as far apart as they are large
 SOLID = 0.99
 # the largest value of LAS that may be 8 bits stored in 16

@@ -127,7 +127,7 @@ def _read_files(path: Path, tiff: Any, pixels: Element, planes: Planes, options:
         samples = np.zeros((depth, *shape), dtype)
         wanted: dict[str, dict[int, int]] = {}
         for (c, t, z), (name, number) in planes.items():
-            if (c, t) == (channel or 0, options.time or 0) and there[name]:
+            if (c, t) == (channel or 0, options.point) and there[name]:
                 wanted.setdefault(name, {})[number] = z
         for name, pages in wanted.items():
             for number, plane in _read_pages(find_data_file(path, name, options.anywhere), sorted(pages)):
@@ -263,7 +263,7 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
     if (calibration := find_calibration(tiff)) is not None:
         parts = tuple(replace(part, value_unit=calibration.unit) for part in volume.channels)
         volume = replace(volume, value_unit=calibration.unit, channels=parts)
-    return mark_microscope(volume) if image.is_microscope else volume
+    return mark_microscope(volume) if image.survey is None else volume
 
 
 def _picture_volume(image: _Image, series: _Series, number: int, options: LoadOptions) -> Volume:

@@ -20,7 +20,7 @@ from splatgl.readers.imagej import Calibration
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.vtk_xml import parse_xml
 
-WHITE = "#ffffff"
+WHITE, BLACK = "#ffffff", "#000000"
 # ImageJ's default colours of a composite, which its files leave out
 COMPOSITE = ("#ff0000", "#00ff00", "#0000ff", WHITE, "#00ffff", "#ff00ff", "#ffff00")
 
@@ -76,11 +76,14 @@ def _imagej_channels(
     channels = []
     for n in range(count):
         table = tables[n] if n < len(tables) else ()
-        color = hex_color([int(row[-1]) for row in table]) if len(table) == 3 else usual.get(n)
+        ends = [hex_color([int(row[end]) for row in table]) for end in (0, -1)] if len(table) == 3 else []
+        # a negative: its table ends in black
+        is_negative = len(ends) == 2 and ends[1] == BLACK != ends[0]
+        color = ends[0 if is_negative else 1] if ends else usual.get(n)
         stored = np.array([parse_number(end) for end in ranges[2 * n : 2 * n + 2]])
-        ends = sorted(stored if calibration is None else calibration.values(stored))
-        window = parse_window(*ends) if len(ends) == 2 else None
-        channels.append(Channel(names[n], color, window))
+        limits = sorted(stored if calibration is None else calibration.values(stored))
+        window = parse_window(*limits) if len(limits) == 2 else None
+        channels.append(Channel(names[n], color, window, inverted=is_negative))
     together = count > 1 and (composite or any(channel.color not in (None, WHITE) for channel in channels))
     return ChannelSet(tuple(channels), together, times, _positive_number(metadata.get("finterval")) or None)
 

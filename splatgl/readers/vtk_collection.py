@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
+from splatgl.data.times import Times
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, list_names
 from splatgl.readers import vtk_cells, vtk_xml
@@ -47,12 +48,13 @@ def read(path: Path, options: LoadOptions) -> Volume:
         raise expected(what, "one or more", "none")
     by_time = is_series and (options.time is not None or not _NUMBERED.match(str(options.array)))
     if by_time:
-        _, name = entries[min(options.time or 0, len(entries) - 1)]
+        _, name = entries[min(options.point, len(entries) - 1)]
         array = options.array
     else:
         name, array = _select_entry(entries, options, what)
     entry_options = replace(options, array=array, time=None)
-    times = ChannelSet(times=len(entries) if by_time else 1)
+    moments = Times.of(float(time) for time, _ in entries) if by_time else None
+    times = ChannelSet(times=len(entries) if by_time else 1, moments=moments)
     return times.volume(replace(options, channel=None), lambda _: _read_entry(path, name, entry_options, is_series))
 
 
@@ -75,7 +77,7 @@ def _list_steps(owner: Element) -> list[Entry]:
     )
     if len({time for time, _ in steps}) < len(steps):
         raise expected("DataSet", "one file a time step", "several", "save the parts as one .pvti")
-    return [(f"{time:g}", name) for time, name in steps]
+    return [(f"{time:.10g}", name) for time, name in steps]
 
 
 def _list_blocks(owner: Element) -> list[Entry]:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.times import Times
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import byte_count, require_memory
@@ -53,17 +54,20 @@ def read_image(path: Path, file: Any, options: LoadOptions) -> Volume:
     steps = attribute_numbers(find_node(file, f"{ROOT}/Steps", anywhere=False) or root, "NSteps")
     timed = steps is not None and steps.size == 1
     times = int(np.clip(np.nan_to_num(steps[0]), 1, _MOST_STEPS)) if steps is not None and timed else 1
+    values: Any = find_node(file, f"{ROOT}/Steps/Values", options.anywhere) if timed else None
+    has_times = hasattr(values, "shape") and values.shape == (times,) and has_real_numbers(values)
+    moments = Times.of(np.asarray(values[:], np.float64)) if has_times else None
     direction, spacing, origin = stated
     matrix = direction.reshape(3, 3) * spacing
 
     def read_step(_: int | None) -> Volume:
-        time = (options.time or 0) if timed else None
+        time = (options.point) if timed else None
         points = _find_arrays(path, root, "PointData", shape, time, options)
         cells = _find_arrays(path, root, "CellData", count_cells(shape), time, options)
         choice = select_arrays(points, cells, options)
         return choice.volume(matrix, origin + matrix @ low, shape, "Direction and Spacing")
 
-    return ChannelSet(times=times, components=2**20).volume(options, read_step)
+    return ChannelSet(times=times, moments=moments, components=2**20).volume(options, read_step)
 
 
 def _read_numbers(root: Any, name: str, default: Any) -> np.ndarray:

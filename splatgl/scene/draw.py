@@ -198,7 +198,7 @@ UNSUPPORTED = {
 
 def draw(scene: OpenScene, how: DrawOptions) -> Image:
     """Draws a scene in this process, with its provenance and annotations."""
-    check_time(scene.file.annotate)
+    check_time(scene.names)
     if scene.file.slices:
         image = draw_slices(scene)
         print_lines(image.notes, scene.is_quiet)
@@ -321,7 +321,8 @@ def annotate(image: Image, scene: OpenScene) -> Image:
     from splatgl.annotations.annotate import annotated, omission_notes, on_ground
 
     color = scene.file.settings.background
-    image = annotated(image, scene.annotated_subject, scene.transfer, scene.camera, scene.file.annotate, color)
+    look = scene.legend[1]
+    image = annotated(image, scene.annotated_subject, look, scene.camera, scene.names, color)
     image = on_ground(image, None if BLENDS[scene.settings.blend].unbounded else color)
     print_lines(omission_notes(image), scene.is_quiet)
     return image

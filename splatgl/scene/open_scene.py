@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl import __version__
-from splatgl.annotations.annotate import ROOM, check_size
+from splatgl.annotations.annotate import ROOM, check_size, with_time
 from splatgl.annotations.canvas import Scale, Subject
 from splatgl.data.color import Color
 from splatgl.data.volume import Volume
@@ -148,7 +148,19 @@ class OpenScene:
     def annotated_subject(self) -> Subject:
         """Box, unit, frame and scales of the volume and the meshes, for annotations."""
         scales, is_empty = Scale.of(self.scene.meshes), is_mesh(self.file.volume)
-        return replace(Subject.of(self.volume), scales=scales, empty=is_empty, measures=self.file.measures)
+        subject = Subject.of(self.volume, self.legend[0])
+        return replace(subject, scales=scales, empty=is_empty, measures=self.file.measures)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The annotations; the time of a file of several time points has its text."""
+        return with_time(self.file.annotate, self.volume, self.volume.time)
+
+    @property
+    def legend(self) -> tuple[Volume, Transfer]:
+        """Volume and transfer function of the colour bar: those of the first visible layer or channel."""
+        first = None if self.is_single else self.scene.shown[0]
+        return (self.volume, self.transfer) if first is None else (first.volume, first.faded)
 
     @property
     def has_matter(self) -> bool:
@@ -289,14 +301,13 @@ def visible_layers(file: SceneFile, volume: Volume, transfer: Transfer, is_quiet
     layers = channel_layers(file, volume, transfer)
     for layer in (layer for layer in file.layers if layer.visible):
         source, other, planes = open_layer(layer, file, is_quiet)
-        channels = channel_layers(source, other, source.transfer_for(other), planes)
-        if layer.surfaces is not None:
-            channels = [replace(channel, surfaces=layer.surfaces) for channel in channels]
-        layers += channels
+        plain = replace(source, opacity=1.0)
+        channels = channel_layers(plain, other, plain.transfer_for(other), planes)
+        layers += [replace(channel, opacity=source.opacity, surfaces=layer.surfaces) for channel in channels]
     if file.surfaces is not None:
         layers = _with_surfaces(layers, file)
-    if not any(layer.visible for layer in layers):
-        return [replace(layers[0], transfer=layers[0].seen.weakened(0.0), visible=True)]
+    if not any(layer.visible and layer.opacity for layer in layers):
+        return [replace(layers[0], transfer=layers[0].seen.weakened(0.0), opacity=1.0, visible=True)]
     return layers
 
 
@@ -354,7 +365,7 @@ def _channel_looks(
         bases = [plain.transfer_for(channel) for channel in volume.channels]
     elif window := with_window(dict(file.transfer)).get("window"):
         windows = {**{str(number): window for number in range(len(volume.channels))}, **windows}
-    looks = channel_transfers(volume, colors, windows, bases)
+    looks = channel_transfers(volume, colors, windows, bases, file.settings.blend)
     looks = [replace(look, unit=file.transfer["unit"]) for look in looks] if file.transfer.get("unit") else looks
     return [look.weakened(file.opacity) for look in looks]
 

@@ -80,9 +80,10 @@ from splatgl.scene.transfer_choice import (
     read_nodes,
     refuse_both,
     several,
+    transfer_notes,
     with_window,
 )
-from splatgl.scene.view import ViewOptions, orient_flat_stack
+from splatgl.scene.view import ViewOptions, orient_stack
 from splatgl.splat.colormaps import base_name, labels_of
 from splatgl.splat.label_detection import MASK, as_segmentation, mark_kind
 from splatgl.splat.presets import (
@@ -92,7 +93,6 @@ from splatgl.splat.presets import (
     over_window,
     preset_named,
     projection_transfer,
-    window_question,
 )
 from splatgl.splat.scissors import FORM, Scissors
 from splatgl.splat.segment_surfaces import SMOOTHING, check_strength
@@ -260,7 +260,7 @@ class SceneFile:
             return cls(volume.name or "array", held=volume)
         assert layer.transfer is not None
         clip = None if layer.clip is None else _clip(layer.clip)
-        look: dict[str, Any] = {name: getattr(layer, name) for name in ("threshold", "surfaces", "visible")}
+        look: dict[str, Any] = {name: getattr(layer, name) for name in ("threshold", "surfaces", "visible", "opacity")}
         look |= {"uncut": "" if layer.uncut is None else layer.uncut, "mask": () if layer.volume.masks else None}
         return cls(layer.volume.name or "layer", transfer=layer.transfer.fields, clip=clip, held=layer.volume, **look)
 
@@ -478,18 +478,9 @@ class SceneFile:
         """Returns the masked volume of a built-in scene, a file or memory; a flat stack gets its view direction."""
         volume = self._open()
         faint = [FAINTLY] * is_backdrop(self, volume)
-        notes = (*self.view.notes(volume.frame), *self._window_notes(volume), *self._unused_notes(volume), *faint)
+        of_looks = (*transfer_notes(self.transfer, volume), *self._unused_notes(volume), *faint)
+        notes = (*self.view.notes(volume.frame), *of_looks)
         return replace(volume, notes=(*volume.notes, *notes)) if notes else volume
-
-    def _window_notes(self, volume: Volume) -> tuple[str, ...]:
-        """Returns a note on a window that may be meant as level and width."""
-        try:
-            window = Kind.interval().check(self.transfer.get("window"))
-        except (TypeError, ValueError):
-            # none, or one that the transfer function refuses
-            return ()
-        question = window_question(volume, window)
-        return (question,) if question else ()
 
     def _unused_notes(self, volume: Volume) -> list[str]:
         """Returns notes on options without effect. Raises InputError for options of voxels beside a cloud of points."""
@@ -520,12 +511,14 @@ class SceneFile:
         return volume
 
     def _prepare(self, volume: Volume) -> Volume:
-        """Returns the volume with vectors and masks; a flat stack is seen along z, unless the view sets eye or up."""
+        """Returns the volume with vectors and masks; a microscope's stack has its orientation, unless the view sets eye
+        or up.
+        """
         volume, view = self._mask(self.vectors.values(volume)), self.view
         volume = self._with_names(self._with_kind(volume))
         if view.eye is not None or view.up is not None:
             return volume
-        return orient_flat_stack(volume, has_note=view.azimuth is None and view.elevation is None)
+        return orient_stack(volume, has_note=view.azimuth is None and view.elevation is None)
 
     def _with_kind(self, volume: Volume) -> Volume:
         """Returns the volume as labels or amounts; options of the transfer function decide, too."""

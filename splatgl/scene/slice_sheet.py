@@ -82,7 +82,7 @@ def draw_slices(scene: OpenScene) -> Image:
     for name in names:
         if name not in ANNOTATIONS:
             raise expected("annotate", f"{', '.join(ANNOTATIONS)} beside slices", name)
-    planes = parse_slices(file.slices, volume, np.asarray(file.view.upward(volume.hints)))
+    planes = parse_slices(file.slices, volume, np.asarray(file.view.slice_up(volume.hints)))
     size, background = file.view.size, file.settings.background
     pixels: np.ndarray = np.zeros((size[1], size[0], 4), np.float32)
     em = Canvas.over(pixels, background).em
@@ -90,29 +90,30 @@ def draw_slices(scene: OpenScene) -> Image:
     part = round(size[0] - right), round(size[1] - top - bottom)
     sides = np.array([plane.box[1] - plane.box[0] for plane in planes])
     sheet = Sheet.of(part, round(top), sides, file.view.zoom or 1.0)
-    painter, boxes = scene.scene.painter("slice"), []
+    painter, cells = scene.scene.painter("slice"), []
     for number, plane in enumerate(planes):
-        box, light = _paint(painter, plane, sheet, number)
-        pixels[box[1] : box[3], box[0] : box[2]] = light
-        boxes.append(box)
+        cell = Cell.of(plane, sheet, number)
+        left, top_row, right_end, bottom_row = cell.box
+        pixels[top_row:bottom_row, left:right_end] = cell.light(painter)
+        cells.append(cell)
     if background is not None:
         pixels += (1 - pixels[..., 3:]) * np.append(np.asarray(background, np.float32), np.float32(1))
     canvas = Canvas.over(pixels, background)
-    for plane, box in zip(planes, boxes, strict=True):
-        _write(canvas, plane, box, volume)
+    for cell in cells:
+        _write(canvas, cell.plane, cell.box, volume)
     pixels = canvas.pixels + (1 - canvas.pixels[..., 3:]) * pixels
     info = {
         "blend": "slices",
         "size": list(size),
         "pitch": sheet.pitch,
         "unit": volume.unit,
-        "slices": [_provenance(plane, box) for plane, box in zip(planes, boxes, strict=True)],
+        "slices": [cell.provenance for cell in cells],
         "background": None if background is None else list(background),
         "seconds": round(time.perf_counter() - started, 6),
         **({} if file.view.dpi is None else {"dpi": file.view.dpi}),
     }
     image = Image(pixels, {**info, **provenance_of(file, scene.transfer)}).with_notes(_unused_notes(file))
-    return _annotated(image, scene, sheet)
+    return _annotated(image, scene, cells)
 
 
 def _unused_notes(file: SceneFile) -> list[str]:
@@ -123,22 +124,45 @@ def _unused_notes(file: SceneFile) -> list[str]:
     return no_effect([*given, *viewing], "slices have no view in space")
 
 
-def _paint(
-    painter: Painter, plane: SlicePlane, sheet: Sheet, number: int
-) -> tuple[tuple[int, int, int, int], np.ndarray]:
-    """The pixels of a slice in the sheet, left, top, right, bottom, and their light float32 [h, w, 4]."""
-    low, high = plane.box
-    room = np.array(sheet.room) - GAP
-    # whole pixels that contain the slice, as many as there is room for
-    wide = np.minimum(np.ceil((high - low) / sheet.pitch - 1e-6), room).astype(int)
-    corner = sheet.cell(number) + GAP // 2 + (room - wide) // 2
-    fine = _samples(painter, plane, sheet.pitch)
-    start = (low + high - wide * sheet.pitch) / 2
-    size = (int(wide[0]) * fine, int(wide[1]) * fine)
-    light = painter.pixels(plane, start, (sheet.pitch / fine,) * 2, size)
-    light = light.reshape(wide[1], fine, wide[0], fine, 4).mean(axis=(1, 3))
-    x, y = corner.tolist()
-    return (x, y, x + int(wide[0]), y + int(wide[1])), light.astype(np.float32)
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """A slice in a sheet. box: left, top, right, bottom, pixels. start [2]: their left upper edge along the plane's
+    right and down; pitch: side of a pixel, world units.
+    """
+
+    plane: SlicePlane
+    box: tuple[int, int, int, int]
+    start: np.ndarray
+    pitch: float
+
+    @classmethod
+    def of(cls, plane: SlicePlane, sheet: Sheet, number: int) -> Cell:
+        """The cell of a slice: whole pixels that contain it, as many as there is room for."""
+        low, high = plane.box
+        room = np.array(sheet.room) - GAP
+        wide = np.minimum(np.ceil((high - low) / sheet.pitch - 1e-6), room).astype(int)
+        x, y = (sheet.cell(number) + GAP // 2 + (room - wide) // 2).tolist()
+        box = (x, y, x + int(wide[0]), y + int(wide[1]))
+        return cls(plane, box, (low + high - wide * sheet.pitch) / 2, sheet.pitch)
+
+    def light(self, painter: Painter) -> np.ndarray:
+        """The light of the pixels, float32 [h, w, 4]."""
+        left, top, right, bottom = self.box
+        fine = _samples(painter, self.plane, self.pitch)
+        size = ((right - left) * fine, (bottom - top) * fine)
+        light = painter.pixels(self.plane, self.start, (self.pitch / fine,) * 2, size)
+        return light.reshape(bottom - top, fine, right - left, fine, 4).mean(axis=(1, 3)).astype(np.float32)
+
+    @property
+    def provenance(self) -> dict[str, object]:
+        """The plane, and where its pixels are: the centre of the one in column i and row j of the picture lies at
+        corner + (i − left + ½) · steps[0] + (j − top + ½) · steps[1], world units.
+        """
+        plane = self.plane
+        vectors = {name: getattr(plane, name).tolist() for name in ("point", "normal", "right", "down")}
+        corner = plane.point + self.start @ np.array([plane.right, plane.down])
+        steps = [(self.pitch * plane.right).tolist(), (self.pitch * plane.down).tolist()]
+        return {"title": plane.title, **vectors, "pixels": list(self.box), "corner": corner.tolist(), "steps": steps}
 
 
 def _samples(painter: Painter, plane: SlicePlane, pitch: float) -> int:
@@ -165,25 +189,22 @@ def _write(canvas: Canvas, plane: SlicePlane, box: Sequence[int], volume: Volume
             canvas.text(text, at[0], at[1])
 
 
-def _provenance(plane: SlicePlane, box: Sequence[int]) -> dict[str, object]:
-    vectors = {name: getattr(plane, name).tolist() for name in ("point", "normal", "right", "down")}
-    return {"title": plane.title, **vectors, "pixels": list(box)}
-
-
-def _annotated(image: Image, scene: OpenScene, sheet: Sheet) -> Image:
+def _annotated(image: Image, scene: OpenScene, cells: Sequence[Cell]) -> Image:
     """The picture under the annotations of its scene."""
     if not scene.file.annotate:
         return image
     from splatgl.splat.camera import Camera
 
-    size, names = scene.file.view.size, scene.file.annotate
-    center, high = scene.volume.center, sheet.pitch * size[1]
-    camera = Camera.orthographic(center - np.array([0, 2 * high, 0]), center, (0, 0, 1), high, size)
+    size, names, plane = scene.file.view.size, scene.file.annotate, cells[0].plane
+    center, high = scene.volume.center, cells[0].pitch * size[1]
+    camera = Camera.orthographic(center - 2 * high * plane.normal, center, -plane.down, high, size)
     subject, transfer = Subject.of(scene.volume), scene.scene.painter("slice").layers[0].transfer
     if not (transfer.labels or subject.colored):
         low, high = transfer.color_range
         scale = Scale(transfer.colormap, float(low), float(high), subject.value_name)
         subject = replace(subject, scales=(scale,) if low < high else (), empty=low < high)
+    if "scale" in names and len({subject.lengths(cell.plane.right) for cell in cells}) > 1:
+        raise expected("annotate", "no scale beside slices along axes of several units", "scale")
     image = annotated(image, subject, transfer, camera, names, scene.file.settings.background)
     for note in () if scene.is_quiet else omission_notes(image):
         print(f"splatgl: {note}", file=sys.stderr)

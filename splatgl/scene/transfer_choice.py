@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,8 @@ from splatgl.errors import expected
 from splatgl.options import Group, Kind, checked, declared, no_effect, option
 from splatgl.splat.colormaps import base_name
 from splatgl.splat.grid import Grid
-from splatgl.splat.presets import default_transfer, preset
+from splatgl.splat.iso import check_iso
+from splatgl.splat.presets import default_transfer, preset, window_question
 from splatgl.splat.regions import check_regions, move_image
 from splatgl.splat.settings import BLENDS
 from splatgl.splat.statistics import statistics
@@ -320,6 +322,24 @@ def faint_share(scene: SceneFile, volume: Volume, transfer: Transfer) -> float:
     """Returns the factor of the first volume's opacities by which lines and labels in it are seen, if options do not
     state them. transfer: without the factor.
     """
-    if scene.vectors.has_lines and not scene.transfer.keys() & STATED:
+    if scene.vectors.has_lines and not scene.transfer.keys() & {*STATED, "iso"}:
         return FAINT
     return seen_through(volume, transfer) if is_backdrop(scene, volume) else 1.0
+
+
+def transfer_notes(keys: Mapping[str, Any], volume: Volume) -> tuple[str, ...]:
+    """Returns notes on a window that may be meant as level and width, and on iso-surfaces at values that no sample of a
+    volume in memory passes. Keys that the transfer function refuses have none.
+    """
+    notes = list[str]()
+    with suppress(TypeError, ValueError):
+        question = window_question(volume, Kind.interval().check(keys.get("window")))
+        notes += [question] * bool(question)
+    with suppress(TypeError, ValueError):
+        values = [surface.value for surface in check_iso(keys.get("iso") or ())]
+        ends = volume.value_range if values else None
+        beyond = ", ".join(f"{value:g}" for value in values if ends and not ends[0] <= value <= ends[1])
+        if beyond and ends is not None:
+            named, unit = volume.quantity or volume.name or "the volume", f" {volume.value_unit}".rstrip()
+            notes.append(f"no surface at {beyond}: {named} has values from {ends[0]:g} to {ends[1]:g}{unit}")
+    return tuple(notes)

@@ -24,27 +24,37 @@ UNITS = ("um", "nm", "Å")
 # a flat stack is less deep than this share of its width and height
 FLAT = 0.5
 NOTE = "a flat stack is seen along z, x to the right and y down: --elevation 45 tilts it"
+# up in microscopes' stacks: their first plane is on top, and its rows go down; flat ones turn about their columns
+PLANES_UP: Triple = (0.0, 0.0, -1.0)
+ROWS_UP: Triple = (0.0, -1.0, 0.0)
 
 
-def orient_flat_stack(volume: Volume, has_note: bool = True) -> Volume:
-    """The volume; a flat stack of a microscope is seen along z by parallel rays, and turns about y. has_note: whether a
-    note says so.
+def orient_stack(volume: Volume, has_note: bool = True) -> Volume:
+    """The volume; the first plane of a microscope's stack is its top, with x to the right and y down, as in Fiji and
+    napari. A flat one is seen along z by parallel rays, and turns about y. has_note: whether a note says so.
     """
-    if not is_flat_stack(volume):
+    if is_flat_stack(volume):
+        hints = replace(volume.hints, azimuth=0.0, elevation=0.0, up=ROWS_UP, orthographic=True, stack=True)
+        return replace(volume, hints=hints, notes=(*volume.notes, *[NOTE] * has_note))
+    if _is_oriented(volume) or not (volume.hints.stack or volume.unit in UNITS[:3]):
         return volume
-    hints = replace(volume.hints, azimuth=0.0, elevation=0.0, up=(0.0, -1.0, 0.0), orthographic=True)
-    return replace(volume, hints=hints, notes=(*volume.notes, *[NOTE] * has_note))
+    return replace(volume, hints=replace(volume.hints, up=PLANES_UP, stack=True))
+
+
+def _is_oriented(volume: Volume) -> bool:
+    """Whether a view or directions are stated, or colours of voxels that are no microscope's."""
+    hints = volume.hints
+    placed = any(x is not None for x in (hints.azimuth, hints.elevation, hints.eye, hints.up, hints.points))
+    is_model = volume.color is not None and not hints.stack
+    return placed or volume.frame is not None or is_model or not np.allclose(volume.direction, np.eye(3))
 
 
 def is_flat_stack(volume: Volume) -> bool:
     """Whether a volume is much thinner along z than along x and y, and from a microscope by file, unit or values."""
-    hints = volume.hints
-    placed = any(x is not None for x in (hints.azimuth, hints.elevation, hints.eye, hints.up, hints.points))
     depth, height, width = ((n - 1) * step for n, step in zip(volume.shape, reversed(volume.spacing), strict=True))
-    if placed or volume.frame is not None or volume.color is not None or depth >= FLAT * min(height, width):
+    if _is_oriented(volume) or depth >= FLAT * min(height, width):
         return False
-    known = hints.stack or depth == 0 or volume.unit in UNITS
-    return np.allclose(volume.direction, np.eye(3)) and (known or is_microscopy(volume))
+    return volume.hints.stack or depth == 0 or volume.unit in UNITS or is_microscopy(volume)
 
 
 # degrees
@@ -195,8 +205,21 @@ class ViewOptions:
         return self.height is not None or bool(_first(self.orthographic, hinted))
 
     def upward(self, hints: Hints) -> Triple:
-        """Up in the picture: a direction in the world."""
-        return _first(self.up, hints.up, (0.0, 0.0, 1.0))
+        """Up in the picture: a direction in the world. Standard views of flat stacks are those of deep ones."""
+        hinted = PLANES_UP if self.view is not None and hints.up == ROWS_UP and hints.stack else hints.up
+        return _first(self.up, hinted, (0.0, 0.0, 1.0))
+
+    def slice_up(self, hints: Hints) -> Triple:
+        """Up in slices across x and z; rows of a microscope's planes go down."""
+        return ROWS_UP if hints.stack and self.up is None and hints.up == PLANES_UP else self.upward(hints)
+
+    def orbit_camera(self, subject: Bounded, orbit: tuple[float, float], hints: Hints, fov: float) -> Camera:
+        """The camera at an azimuth and an elevation around the subject, at which azimuth 0 has x to the right."""
+        from splatgl.splat.camera import Camera
+
+        up = self.upward(hints)
+        turn = 180.0 if up == PLANES_UP and hints.stack and self.up is None else 0.0
+        return Camera.orbit(subject, orbit[0] + turn, orbit[1], fov, self.size, _first(self.zoom, 1.0), up)
 
     def camera(self, volume: Volume | Splats, subject: Bounded) -> Camera:
         """The camera; an orbit is fitted to the visible part of `subject`. volume: has hints, or is splats without."""
@@ -221,7 +244,7 @@ class ViewOptions:
         else:
             if self.look_at is not None:
                 raise expected("look_at", "an eye that looks there", "none", "give --eye too")
-            camera = Camera.orbit(subject, *orbit, fov, self.size, _first(self.zoom, 1.0), self.upward(hints))
+            camera = self.orbit_camera(subject, orbit, hints, fov)
         return camera.parallel(subject, self.height) if self.is_parallel(volume) else camera
 
 

@@ -339,6 +339,7 @@ def default_transfer(volume: Volume) -> Transfer:
         chosen = _transfer_from_values(volume)
     if hints.color is not None:
         # a channel: one colour, as bright as it is opaque
+        chosen = chosen.inverted() if hints.inverted else chosen
         return replace(chosen, colormap=hints.color, unit=hints.unit, shading=False)
     hinted = {name: getattr(hints, name) for name in ("window", "unit", "colormap", "shading")}
     return replace(chosen, **{name: value for name, value in hinted.items() if value is not None})

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.caps import cap_meshes
+from splatgl.data.color import CHANNEL_COLORS, color_of_dye
 from splatgl.data.mask import parse_mask
 from splatgl.data.mesh import OF_VOLUME, Mesh
 from splatgl.data.volume import Volume
@@ -24,7 +25,7 @@ from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.plan import Plan, plan
-from splatgl.splat.presets import SURFACE, default_transfer, preset, slice_colors
+from splatgl.splat.presets import SOLID, SURFACE, default_transfer, preset, slice_colors
 from splatgl.splat.resolve import Resolved, blur_form, check_blur_supported, extract_for_settings
 from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces
 from splatgl.splat.settings import BLENDS, Settings
@@ -37,8 +38,26 @@ from splatgl.splat.unused import unused_settings
 # optical depth of the brightest values of a channel along the volume's shortest side, so that matter behind shows
 # through; and the least opacity of a voxel
 THROUGH, LEAST = 6.0, 0.01
-# colours of channels whose file states none
-PALETTE = ("#4a7dff", "#3ddc5a", "#ff4b4b", "#ffd23d", "#38e1e1", "#ff5adf", "#ff9a3d", "#c9c9c9")
+
+
+def channel_colors(channels: Sequence[Volume]) -> list[str]:
+    """Colours "#rrggbb" of channels: of the file, else of the dye of that name, else others in turn."""
+    known = [channel.hints.color or color_of_dye(channel.name) for channel in channels]
+    palette = list(CHANNEL_COLORS.values())
+    free = [color for color in palette if color not in known]
+    turns = (palette[n % len(palette)] for n in range(len(known)))
+    colors = list[str]()
+    for color, turn in zip(known, turns, strict=True):
+        given = color or (turn if turn in free or not free else free[0])
+        free = [other for other in free if other != given]
+        colors.append(given)
+    return colors
+
+
+def channel_opacity(volume: Volume, blend: str) -> float:
+    """Opacity of the brightest values of a channel in a blend: SOLID where a pixel shows one value of its ray."""
+    through = float(np.clip(-np.expm1(-THROUGH / min(volume.shape)), LEAST, SURFACE))
+    return SOLID if BLENDS[blend].one_value else through
 
 
 def channel_transfers(
@@ -46,30 +65,34 @@ def channel_transfers(
     colors: Mapping[str, str],
     windows: Mapping[str, tuple[float, float]],
     bases: Sequence[Transfer] | None = None,
+    blend: str = "composite",
 ) -> list[Transfer]:
     """Transfer functions of a volume's channels: unshaded ramps over a window in a colour.
 
     colors, windows: by name or number of the channel, instead of those of the file. bases: transfer function of each
-    channel, whose ramps channels without a window have; None: the preset microscopy. Raises InputError for an unknown
-    channel.
+    channel, whose ramps channels without a window have; None: the preset microscopy. blend: where a pixel shows one
+    value of its ray, ramps reach SOLID, else matter behind shows through. Raises InputError for an unknown channel.
     """
     names = [channel.name for channel in volume.channels]
     for name in (*colors, *windows):
         if name not in names and name not in map(str, range(len(names))):
             raise expected("channel", f"one of {', '.join(names)}", repr(name))
-    full = float(np.clip(-np.expm1(-THROUGH / min(volume.shape)), LEAST, SURFACE))
-    transfers = []
+    full = channel_opacity(volume, blend)
+    transfers, usual = [], channel_colors(volume.channels)
     for number, channel in enumerate(volume.channels):
         keys = (channel.name, str(number))
         color = next((colors[key] for key in keys if key in colors), None)
-        color = color or channel.hints.color or PALETTE[number % len(PALETTE)]
         window = next((windows[key] for key in keys if key in windows), None)
         if window is None and bases is None:
             window = channel.hints.window
-        ramp = bases[number] if bases is not None else preset("microscopy", channel).weakened(full / SURFACE)
+        ramp = bases[number] if bases is not None else preset("microscopy", channel)
+        if bases is None:
+            ramp = replace(ramp, points=tuple((value, opacity * full / SURFACE) for value, opacity in ramp.points))
         if window is not None:
             ramp = Transfer(((window[0], 0.0), (window[1], full)), unit=ramp.unit)
-        transfers.append(replace(ramp, colormap=color, window=None, shading=False))
+        if channel.hints.inverted and bases is None:
+            ramp = ramp.inverted()
+        transfers.append(replace(ramp, colormap=color or usual[number], window=None, shading=False))
     return transfers
 
 
@@ -97,8 +120,7 @@ class Layer:
     def __post_init__(self) -> None:
         if not 0 <= self.opacity <= 1:
             raise expected("opacity", "a factor from 0 to 1", self.opacity)
-        transfer = self.transfer or default_transfer(self.volume)
-        object.__setattr__(self, "transfer", transfer.weakened(self.opacity))
+        object.__setattr__(self, "transfer", self.transfer or default_transfer(self.volume))
         if self.surfaces is not None:
             object.__setattr__(self, "surfaces", check_strength(self.surfaces))
 
@@ -107,7 +129,6 @@ class Layer:
         volume = self.volume.placed(frame)
         if volume is self.volume:
             return self
-        # a constructor would apply the opacity again
         layer = copy(self)
         object.__setattr__(layer, "volume", volume)
         if self.clip is not None:
@@ -140,8 +161,13 @@ class Layer:
     @property
     def seen(self) -> Transfer:
         """The transfer function with the layer's opacity; clear if surfaces are drawn."""
+        return self.faded if self.surfaces is None else self.faded.weakened(0.0)
+
+    @property
+    def faded(self) -> Transfer:
+        """The transfer function with the layer's opacity."""
         assert self.transfer is not None
-        return self.transfer if self.surfaces is None else self.transfer.weakened(0.0)
+        return self.transfer.weakened(self.opacity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +242,7 @@ class Scene:
         surfaces, notes = list[tuple[Mesh, tuple[Plane, ...]]](), list[str]()
         for layer, planes in zip(self.shown, self.planes, strict=True):
             if layer.surfaces is not None:
-                segments, off = smooth_surfaces(layer.volume, layer.transfer, layer.surfaces, closed=False)
+                segments, off = smooth_surfaces(layer.volume, layer.faded, layer.surfaces, closed=False)
                 surfaces += [(replace(mesh, clipped=True), planes) for mesh in segments]
                 count = f"{len(segments)} segment{'s' * (len(segments) != 1)}"
                 told = f"{count} drawn as smoothed surfaces ({layer.surfaces:g})"
@@ -307,7 +333,7 @@ class Scene:
     @cached_property
     def _subjects(self) -> list[Opaque]:
         # voxels also where surfaces are drawn: both have the same view
-        return [Opaque(layer.volume, layer.transfer or layer.seen) for layer in self.shown]
+        return [Opaque(layer.volume, layer.faded) for layer in self.shown]
 
 
 @dataclass(frozen=True, eq=False)

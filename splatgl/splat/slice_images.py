@@ -12,7 +12,7 @@ from splatgl.data.color import linear_from_srgb
 from splatgl.data.mesh import Mesh, Texture
 from splatgl.data.volume import Volume
 from splatgl.splat.clipping import Plane, box_planes
-from splatgl.splat.colormaps import FURTHEST, UNKNOWN, colormap
+from splatgl.splat.colormaps import FURTHEST, SOLID, UNKNOWN, colormap
 from splatgl.splat.grid import Grid
 from splatgl.splat.resample import BEYOND, level_for, sample_places, sample_raster
 from splatgl.splat.slices import SlicePlane, plane_through
@@ -29,7 +29,7 @@ LEAST_AREA = 1e-12
 
 
 class Painted(NamedTuple):
-    """A volume, its transfer function, and a factor of its opacity over other layers."""
+    """A volume, its transfer function, and a factor of its opacity over other layers, or of its light beside them."""
 
     volume: Volume
     transfer: Transfer
@@ -61,12 +61,11 @@ class Painted(NamedTuple):
         return color * self.share(values)[..., None] if self.solid else color
 
     def share(self, values: np.ndarray) -> np.ndarray:
-        """Opacity [...] of values, relative to the largest, from 0 to 1."""
+        """Opacity [...] of values from 0 to 1: of amounts relative to the largest, of segments that of each."""
         if self.volume.color is not None:
             return np.ones(values.shape[:-1])
-        opacities = self.transfer.labels or [(0, "", opacity) for _, opacity in self.transfer.points]
-        most = max((opacity for _, _, opacity in opacities), default=0.0)
-        return self.transfer.opacity(values) / (most or 1.0)
+        most = SOLID if self.transfer.labels else max(opacity for _, opacity in self.transfer.points)
+        return np.minimum(self.transfer.opacity(values) / (most or 1.0), 1.0)
 
     def shows(self, values: np.ndarray, known: np.ndarray) -> np.ndarray:
         """bool: where values are known, and of a segment that is visible."""
@@ -107,12 +106,13 @@ class Painter:
             shown = layer.shows(values, known)
             color = layer.color(values) * shown[..., None]
             if adds:
-                total[..., :3] += color
+                total[..., :3] += layer.opacity * color
             else:
                 share = (shown if number == 0 else layer.opacity * layer.share(values) * shown)[..., None]
                 total[..., :3] = total[..., :3] * (1 - share) + color * share
             total[..., 3] = np.maximum(total[..., 3], shown)
-        return total
+        # sums end at white
+        return np.minimum(total, 1.0) if adds else total
 
     @property
     def has_map(self) -> bool:

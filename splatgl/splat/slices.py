@@ -329,7 +329,8 @@ def pane_axes(frame: str | None, normal: int, up: np.ndarray) -> tuple[tuple[int
     if abs(up[upright]) >= UPRIGHT and upright in (right[0], down[0]):
         other = right[0] if upright == down[0] else down[0]
         return (other, 1), (upright, -1 if up[upright] > 0 else 1)
-    return right, down
+    # seen from the other side
+    return right, (down[0], -down[1] if upright == normal and up[upright] <= -UPRIGHT else down[1])
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:

@@ -129,6 +129,8 @@ POINT = np.dtype(
 # classified after reconstruction. value: see ValueClassifier; gradient: of the value per mean spacing, world axes
 VALUE = np.dtype([("position", "<u2", 3), ("unused", "<u2"), ("value", "<f4"), ("gradient", "<f4", 3)])
 POINT_VALUE = np.dtype([("position", "<f4", 3), ("value", "<f4"), ("gradient", "<f4", 3), ("unused", "<i2", 4)])
+# width of a splat whose line has the opacity .99 in the middle of a surface, where its own is ½; spacings
+HALF_WIDTH = 1.7
 NORMAL_SCALE = 32767.0
 COLOR_SCALE = 65535.0
 # maximum number of voxels along an axis whose positions fit 16 bits
@@ -305,9 +307,10 @@ class Splats:
 
     @classmethod
     def of_points(cls, points: Points, opacity: float) -> Splats:
-        """Splats of points as large as their size; a surface of points that far apart has this opacity."""
-        extinction = extinction_of(opacity) / points.size
-        return cls.from_points(points.places, points.colors, np.full(len(points), extinction), points.size)
+        """Splats of points as large as their size; a surface of points 1/HALF_WIDTH of it apart has this opacity."""
+        spacing = points.size / HALF_WIDTH
+        extinctions = np.full(len(points), extinction_of(opacity) / spacing)
+        return cls.from_points(points.places, points.colors, extinctions, spacing)
 
     def drawn(self, settings: Settings) -> list[tuple[Splats, Settings]]:
         """The splats as the only layer of a picture, as of `Scene.drawn`."""

@@ -184,6 +184,11 @@ class Transfer:
         return bool(self.gradient or self.regions)
 
     @property
+    def is_clear(self) -> bool:
+        """Whether only its iso-surfaces can be seen."""
+        return not (self.labels or self.regions or any(opacity for _, opacity in self.points))
+
+    @property
     def logarithmic(self) -> bool:
         """Whether opacity and colour are linear in logarithms of values."""
         return self.scale == "log"
@@ -207,6 +212,11 @@ class Transfer:
         iso = tuple(surface._replace(opacity=surface.opacity * factor) for surface in self.iso)
         regions = tuple(region.weakened(factor) for region in self.regions)
         return replace(self, points=points, labels=labels, iso=iso, regions=regions)
+
+    def inverted(self) -> Transfer:
+        """The same with the largest opacity where it is the least, as negatives have it."""
+        most = max(opacity for _, opacity in self.points)
+        return replace(self, points=tuple((value, most - opacity) for value, opacity in self.points))
 
     def surface_matter(self) -> np.ndarray:
         """[n, 4]: emission and optical depth of the iso-surfaces."""

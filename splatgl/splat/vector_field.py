@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from splatgl.data.color import srgb_from_linear
 from splatgl.data.mesh import SIDES, Mesh
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import expected
-from splatgl.splat.colormaps import colormap, interpolate_map
 from splatgl.splat.grid import trilinear
 
 # distance of two points of a line, in smallest spacings, and the step between drawn points
@@ -54,10 +53,8 @@ def streamlines(
     drawn = [np.append(np.arange(0, len(line) - 1, DRAWN), len(line) - 1) for line in lines.points]
     points = [line[some] for line, some in zip(lines.points, drawn, strict=True)]
     speed = np.concatenate([np.zeros(0), *(speed[some] for speed, some in zip(lines.speeds, drawn, strict=True))])
-    colors = np.repeat(colors_of(speed, field.greatest, colormap), SIDES, axis=0)
-    return Mesh.of_lines(
-        points, size, colors=colors if len(colors) else None, opacity=opacity, name="streamlines", frame=volume.frame
-    )
+    look = _speed_look(np.repeat(speed, SIDES), field.greatest, colormap)
+    return Mesh.of_lines(points, size, opacity=opacity, name="streamlines", frame=volume.frame, **look)
 
 
 def spread_lines(volume: Volume, count: int, least: float | None = None) -> Lines:
@@ -169,10 +166,9 @@ def arrows(
     axes = _axes(vectors / np.where(speed > 0, speed, 1.0)[:, None]) * (speed / field.greatest * length)[:, None, None]
     placed = field.world(index)[:, None] + vertices @ axes
     offsets = np.arange(len(index))[:, None, None] * len(vertices)
-    colors = np.repeat(colors_of(speed, field.greatest, colormap), len(vertices), axis=0)
-    shown = colors if len(colors) else None
+    look = _speed_look(np.repeat(speed, len(vertices)), field.greatest, colormap)
     every = (faces + offsets).reshape(-1, 3)
-    return Mesh(placed.reshape(-1, 3), every, opacity=opacity, colors=shown, name="arrows", frame=volume.frame)
+    return Mesh(placed.reshape(-1, 3), every, opacity=opacity, name="arrows", frame=volume.frame, **look)
 
 
 def _axes(along: np.ndarray) -> np.ndarray:
@@ -287,10 +283,10 @@ def least_speed(field: VectorField, least: float | None) -> float:
     return float(least)
 
 
-def colors_of(speed: np.ndarray, greatest: float, name: str) -> np.ndarray:
-    """sRGB uint8 [N, 3]: colours of speeds from 0 to the greatest in a colour map."""
-    linear = interpolate_map(colormap(name), np.clip(speed / greatest, 0.0, 1.0))
-    return np.asarray(np.rint(srgb_from_linear(linear) * 255), np.uint8)
+def _speed_look(speed: np.ndarray, greatest: float, name: str) -> dict[str, Any]:
+    """Options of a mesh whose vertices have speeds [N], in a colour map from 0 to the greatest."""
+    values = speed if len(speed) else None
+    return {"values": values, "colormap": name, "window": (0.0, greatest), "quantity": "speed"}
 
 
 def magnitudes(volume: Volume) -> Volume:

@@ -12,12 +12,13 @@ import numpy as np
 from splatgl.annotations.annotate import ANNOTATIONS, default_names
 from splatgl.annotations.canvas import Annotation, Subject
 from splatgl.data.color import linear_from_srgb
+from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.gl.screen import GROUNDS
-from splatgl.scene.view import angles
-from splatgl.splat.camera import Camera
+from splatgl.scene.view import PLANES_UP, ROWS_UP, angles
 from splatgl.splat.clipping import Plane
 from splatgl.splat.plan import plan
+from splatgl.splat.scene import channel_opacity
 from splatgl.splat.settings import BLENDS, Settings, choices
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts
@@ -146,20 +147,28 @@ ANATOMY |= {"top": "Superior", "bottom": "Inferior"}
 ALONG = {"front": "+Y", "back": "-Y", "right": "-X", "left": "+X", "top": "-Z", "bottom": "+Z"}
 
 
-def name_of(view: str, frame: str | None) -> str:
-    """The name of a standard view."""
+def name_of(view: str, volume: Volume) -> str:
+    """The name of a standard view of a volume."""
     if view == "isometric":
         return "isometric"
-    return f"{ANATOMY[view]} view" if frame else f"view along {ALONG[view]}"
+    return f"{ANATOMY[view]} view" if volume.frame else f"view along {along(view, volume)}"
+
+
+def along(view: str, volume: Volume) -> str:
+    """The axis that a standard view looks along; the first plane of a microscope's stack is its top."""
+    sign, axis = ALONG[view][0], ALONG[view][1]
+    is_turned = volume.hints.up in (PLANES_UP, ROWS_UP) and axis != "X"
+    return f"{'+' if (sign == '-') == is_turned else '-'}{axis}"
 
 
 def _view(name: str) -> Run:
     def show(state: State, document: Document) -> State:
-        frame, pose, up = document.volume.frame, state.pose, up_direction(document)
-        camera = Camera.orbit(document.subject, *angles(name, frame), pose.fov, pose.camera.size, up=up)
+        frame, pose, hints = document.volume.frame, state.pose, document.volume.hints
+        view = replace(document.scene.view.changed(view=name), size=pose.camera.size, width=None, zoom=None)
+        camera = view.orbit_camera(document.subject, angles(name, frame), hints, pose.fov)
         turned = replace(pose, camera=camera, pivot=document.middle)
         pose = turned if pose.camera.perspective else turned.switched()
-        return replace(state, pose=pose, turning=False, message=name_of(name, frame))
+        return replace(state, pose=pose, turning=False, message=name_of(name, document.volume))
 
     return show
 
@@ -230,9 +239,21 @@ def _cycle(name: str, note: str = "") -> Run:
             settings = state.settings.but(**change)
             if not why_not(settings, state, document):
                 break
-        return replace(state, settings=settings, message=f"{name} {value}{note}")
+        return replace(with_settings(state, document, settings), message=f"{name} {value}{note}")
 
     return cycle
+
+
+def with_settings(state: State, document: Document, settings: Settings) -> State:
+    """The state with other settings; the ramps of channels reach the opacity that they have in the blend."""
+    styles = []
+    for layer, style in zip(document.layers, state.styles, strict=False):
+        now, then = (channel_opacity(layer.volume, blend) for blend in (state.settings.blend, settings.blend))
+        most = max(opacity for _, opacity in style.base.points)
+        is_ramp = "channel" in layer.scene.load and not style.base.shading and abs(most - now) < 1e-6
+        points = tuple((value, opacity * then / now) for value, opacity in style.base.points)
+        styles.append(replace(style, base=replace(style.base, points=points)) if is_ramp and then != now else style)
+    return replace(state, settings=settings, styles=(*styles, *state.styles[len(styles) :]))
 
 
 def _light(state: State, document: Document) -> State:

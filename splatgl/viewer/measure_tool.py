@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatgl.annotations.canvas import Measure
+from splatgl.annotations.canvas import Measure, Subject
 from splatgl.annotations.measures import measure_text
 from splatgl.errors import InputError
 from splatgl.reference.pick import Picked, pick
@@ -70,7 +70,7 @@ def add_ruler_point(state: State, document: Document, place: Place) -> State:
     if ruler.missing > 0:
         return replace(state, ruler=ruler, message=NEXT_POINT if ruler.missing == 1 or not ruler.angle else CORNER)
     measure = Measure(ruler.points)
-    text = f"{'angle' if ruler.angle else 'distance'} {measure_text(measure, document.volume.unit)}"
+    text = f"{'angle' if ruler.angle else 'distance'} {measure_text(measure, Subject.of(document.volume))}"
     state = replace(state, ruler=replace(ruler, points=()), message=text)
     return state.with_measures((*state.measures, measure))
 

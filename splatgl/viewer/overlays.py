@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.annotations.annotate import LEAST_SIDE
-from splatgl.annotations.canvas import BLACK, WHITE, Measure, Subject
+from splatgl.annotations.annotate import LEAST_SIDE, with_time
+from splatgl.annotations.canvas import BLACK, WHITE, Measure, Scale, Subject
 from splatgl.annotations.live import LiveOverlay
 from splatgl.annotations.text import label, place_label
 from splatgl.data.color import Color
+from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
+from splatgl.scene.meshes import is_mesh
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.clip_tool import box_edges, handles, outline
@@ -38,7 +40,9 @@ GAP = 16
 
 @dataclass(frozen=True, eq=False)
 class AnnotationInputs:
-    """Inputs of annotations. blend: of the picture; ground: its background, linear RGB; measures: of the scene."""
+    """Inputs of annotations. transfer: of `valued`, whose values the colour bar shows. blend: of the picture; ground:
+    its background, linear RGB; measures, meshes: of the scene. empty: whether only meshes are drawn.
+    """
 
     names: tuple[str, ...]
     volume: Volume
@@ -47,6 +51,9 @@ class AnnotationInputs:
     blend: str
     ground: Color
     measures: tuple[Measure, ...] = ()
+    valued: Volume | None = None
+    meshes: tuple[Mesh, ...] = ()
+    empty: bool = False
 
 
 class Legend:
@@ -56,7 +63,6 @@ class Legend:
         self.overlay = LiveOverlay()
         self.key: tuple[object, ...] = ()
         self.latest: tuple[Sprite, ...] = ()
-        self.subject: tuple[Volume | None, Subject | None] = (None, None)
 
     def sprites(self, scenery: AnnotationInputs) -> tuple[Sprite, ...]:
         """The sprites for a picture of the camera's size; none if it is too small."""
@@ -65,19 +71,14 @@ class Legend:
             return ()
         view = camera.eye.tobytes(), camera.eye_from_world.tobytes(), camera.extent, camera.perspective
         look = scenery.names, scenery.volume, scenery.transfer, scenery.blend, scenery.ground, camera.size, *view
-        key: tuple[object, ...] = *look, *scenery.measures
+        key: tuple[object, ...] = *look, *scenery.measures, scenery.valued, *scenery.meshes
         if key != self.key:
-            subject = replace(self._subject(scenery.volume), measures=scenery.measures)
+            subject = Subject.of(scenery.volume, scenery.valued)
+            scales = Scale.of(scenery.meshes)
+            subject = replace(subject, measures=scenery.measures, scales=scales, empty=scenery.empty)
             inputs = scenery.transfer, camera, scenery.names, scenery.ground, scenery.blend
             self.key, self.latest = key, crop_sprites(self.overlay.draw(subject, *inputs))
         return self.latest
-
-    def _subject(self, volume: Volume) -> Subject:
-        if self.subject[1] is None or self.subject[0] is not volume:
-            self.subject = volume, Subject.of(volume)
-        subject = self.subject[1]
-        assert subject is not None
-        return subject
 
 
 def crop_sprites(pixels: np.ndarray) -> tuple[Sprite, ...]:
@@ -128,8 +129,7 @@ class Overlays:
         handles, ruler, the value under the cursor (None: hidden), and those of slices.
         """
         camera, scale = state.pose.camera, view.scale
-        inputs = state.styles[0].transfer, camera, state.settings.blend, background_of(state)
-        legend = self.legend.sprites(AnnotationInputs(state.annotate, document.volume, *inputs, state.measures))
+        legend = self.legend.sprites(annotation_inputs(state, document))
         legend = tuple(sprite for sprite in legend if sprite.place[2] <= edge)
         strokes = [*handle_strokes(state.cuts, document.volume, camera, scale), *lasso_strokes(state.lasso, scale)]
         lines, labels = ruler_marks(state.ruler, camera, scale), list[Sprite]()
@@ -140,6 +140,17 @@ class Overlays:
         lines += slice_outlines(state.slices, document.volume, camera, scale)
         visible = clip_strokes((*strokes, *lines), camera.size[0])
         return Marks((*legend, *slices.sprites), (*visible, *slices.strokes), (*labels, *slices.labels))
+
+
+def annotation_inputs(state: State, document: Document) -> AnnotationInputs:
+    """Inputs of the annotations of a picture, whose colour bar is that of the first visible layer."""
+    number = next((n for n, style in enumerate(state.styles) if style.is_shown), 0)
+    inputs = state.styles[number].transfer, state.pose.camera, state.settings.blend, background_of(state)
+    # a document that loads anew may have fewer layers
+    of_bar = document.layers[min(number, len(document.layers) - 1)].volume, document.meshes
+    empty = is_mesh(document.scene.volume)
+    names = with_time(state.annotate, document.volume, state.time)
+    return AnnotationInputs(names, document.volume, *inputs, state.measures, *of_bar, empty)
 
 
 def ruler_marks(ruler: Ruler, camera: Camera, scale: float) -> list[Stroke]:

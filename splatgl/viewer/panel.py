@@ -19,7 +19,7 @@ from splatgl.splat.settings import Settings
 from splatgl.splat.statistics import Statistics
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer import hud, panel_sections, transfer_editor
-from splatgl.viewer.commands import HIGHEST, Command, why_not, with_threshold
+from splatgl.viewer.commands import HIGHEST, Command, why_not, with_settings, with_threshold
 from splatgl.viewer.document import Document
 from splatgl.viewer.file_browser import Browser
 from splatgl.viewer.hud import Frame
@@ -250,8 +250,8 @@ PACES = (0.1, 60.0)
 
 def _time(state: State, document: Document, widgets: CommandWidgets) -> State:
     """Slider of a time series, with the file's own times, and what plays it."""
-    step = document.volume.time_step
-    form = f"%d of {state.times - 1}" + (f": {state.time * step:.6g} s" if step else "")
+    time = document.volume.time_text(state.time)
+    form = f"%d of {state.times - 1}" + (f": {time}" if time != str(state.time) else "")
     changed, time = imgui.slider_int(label_left("time"), state.time, 0, state.times - 1, form)
     if changed:
         state = replace(state, time=min(max(time, 0), state.times - 1), playing=False)
@@ -289,7 +289,7 @@ def _settings(state: State, document: Document, names: Iterable[str]) -> State:
         if changed and value is not None:
             settings = state.settings.but(**{name: value})
             why = why_not(settings, state, document) if setting.choices else ""
-            state = replace(state, message=why) if why else replace(state, settings=settings, message="")
+            state = replace(state if why else with_settings(state, document, settings), message=why)
     return state
 
 

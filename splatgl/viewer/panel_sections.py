@@ -11,6 +11,7 @@ import numpy as np
 from imgui_bundle import imgui
 
 from splatgl.annotations.annotate import ANNOTATIONS
+from splatgl.annotations.canvas import Subject
 from splatgl.annotations.measures import measure_text
 from splatgl.annotations.text import legible, plain
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
@@ -19,7 +20,6 @@ from splatgl.gl.screen import GROUNDS
 from splatgl.splat.clipping import Plane
 from splatgl.viewer.clip_tool import set_cuts
 from splatgl.viewer.commands import (
-    ALONG,
     ANATOMY,
     Command,
     Copy,
@@ -28,6 +28,7 @@ from splatgl.viewer.commands import (
     OpenOption,
     Request,
     add_plane,
+    along,
     name_of,
     toggle_name,
 )
@@ -265,11 +266,11 @@ def draw_slices(state: State, document: Document, widgets: CommandWidgets) -> St
 
 def draw_view(state: State, document: Document, widgets: CommandWidgets) -> State:
     """The section's controls; returns the edited state."""
-    frame = document.volume.frame
+    volume, frame = document.volume, document.volume.frame
     order = ("front", "back", "left", "right", "top", "bottom")
     for view, wide in _flow(order, 3 if frame else 6):
-        label = f"{(ANATOMY if frame else ALONG)[view]}##view"
-        tip = f"{name_of(view, frame)}, as {'3D Slicer' if frame else 'ParaView'} names it"
+        label = f"{ANATOMY[view] if frame else along(view, volume)}##view"
+        tip = f"{name_of(view, volume)}, as {'3D Slicer' if frame else 'ParaView'} names it"
         state = widgets.button(view, label, state, document, tip, wide)
     ticked = {"orthographic": not state.pose.camera.perspective}
     ticked |= {"turntable": state.turntable, "fullscreen": state.fullscreen}
@@ -335,7 +336,7 @@ def draw_measures(state: State, document: Document, widgets: CommandWidgets) -> 
         changed, name = imgui.input_text_with_hint("##name", "name", measure.name)
         measures[number] = replace(measure, name=name) if changed else measure
         imgui.same_line()
-        imgui.text(plain(measure_text(replace(measure, name=""), document.volume.unit)))
+        imgui.text(plain(measure_text(replace(measure, name=""), Subject.of(document.volume))))
         # the button ends with the widgets above
         imgui.same_line(style.window_padding.x + room - imgui.calc_text_size("remove").x - 2 * style.frame_padding.x)
         removed = imgui.button("remove")

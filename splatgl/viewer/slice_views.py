@@ -47,7 +47,7 @@ from splatgl.viewer.slice_pixels import (
 )
 from splatgl.viewer.state import Slices
 from splatgl.viewer.tool import Place, Pointer, Tool, View
-from splatgl.viewer.trackball import project_segment, up_direction
+from splatgl.viewer.trackball import project_segment
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document
@@ -100,6 +100,11 @@ class Pane:
 def column_width(window: tuple[int, int], shown: bool) -> int:
     """Width of the slices in the window, pixels."""
     return int(min(window[1] / 3, window[0] * WIDEST)) if shown else 0
+
+
+def slice_up(document: Document) -> np.ndarray:
+    """Up in the slices of a scene."""
+    return np.asarray(document.scene.view.slice_up(document.volume.hints), dtype=np.float64)
 
 
 def panes(volume: Volume, up: np.ndarray, window: tuple[int, int], scale: float = 1.0) -> tuple[Pane, ...]:
@@ -160,11 +165,11 @@ class SliceTool(Tool):
         """The visible slices."""
         if not state.slices.shown or document.is_loading:
             return ()
-        return panes(document.volume, up_direction(document), view.size, view.scale)
+        return panes(document.volume, slice_up(document), view.size, view.scale)
 
     def turned_panes(self, state: State, document: Document, view: View) -> tuple[TurnedPane, ...]:
         """The planes of the visible slices, in the order of their panes."""
-        up, volume = up_direction(document), document.volume
+        up, volume = slice_up(document), document.volume
         across = planes(state.slices, volume, up)
         made = []
         for pane in self.panes(state, document, view):

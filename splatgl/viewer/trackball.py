@@ -82,7 +82,7 @@ def zoom_by_wheel(pose: Pose, place: Place, notches: float) -> Pose:
 
 def up_direction(document: Document) -> np.ndarray:
     """The scene's up direction."""
-    up = np.asarray(document.scene.view.up or document.volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
+    up = np.asarray(document.scene.view.upward(document.volume.hints), dtype=np.float64)
     return np.asarray(up / np.linalg.norm(up))
 
 

@@ -176,7 +176,7 @@ def _attributes(content: Content, image: dict[str, Any]) -> dict[str, Any]:
         rows = []
         for channel in volume.channels:
             window = channel.hints.window
-            row: dict[str, Any] = {"label": channel.name, "active": True}
+            row: dict[str, Any] = {"label": channel.name, "active": True, "inverted": channel.hints.inverted}
             row |= {"color": channel.hints.color[1:].upper()} if channel.hints.color else {}
             if window:
                 row["window"] = {"start": window[0], "end": window[1], "min": window[0], "max": window[1]}

@@ -15,11 +15,14 @@ import splatgl as sg
 from splatgl.annotations import bounding_box
 from splatgl.annotations.annotate import ANNOTATIONS, annotated, compose, default_names, parse_annotations
 from splatgl.annotations.axes import COLORS, LONG, letters
-from splatgl.annotations.canvas import WHITE, AnnotationView, Canvas, Subject
+from splatgl.annotations.canvas import WHITE, AnnotationView, Canvas, Measure, Subject
 from splatgl.annotations.color_bar import _shorten, of_values
 from splatgl.annotations.live import LiveOverlay
+from splatgl.annotations.measures import measure_text
 from splatgl.annotations.scale_bar import length_text, log_ticks, scale_of, ticks
 from splatgl.cli.main import main
+from splatgl.data.affine import Coordinate, make_lattice
+from splatgl.data.volume import halve_volume
 from splatgl.scene.scene_file import SceneFile
 
 ALL = ("scale", "colorbar", "axes", "directions", "title=Head", "time=3 h")
@@ -429,8 +432,9 @@ def test_movies_have_running_times(tmp_path: Path, capsys: pytest.CaptureFixture
     assert main(["animate", f"{path}:/a", "--annotate", "time,title=A", *options]) == 0, capsys.readouterr().err
     frames = [np.asarray(Pillow.open(tmp_path / f"{n:02d}.png")).astype(int) for n in range(3)]
     told = [str(sg.Image.load(tmp_path / f"{n:02d}.png").info["annotated"]) for n in range(3)]
-    assert [text[:15].split("'")[1] for text in told] == ["time=0 s", "time=90 s", "time=180 s"]
-    apart = np.abs(frames[0] - frames[1]).max(axis=2)
+    assert [text[:15].split("'")[1] for text in told] == ["time=0 min", "time=1.5 min", "time=3 min"]
+    # texts of one width
+    apart = np.abs(frames[0] - frames[2]).max(axis=2)
     y, x = np.nonzero(apart)
     assert len(y) and y.max() < 30 and x.max() < 48
     assert main(["animate", f"{path}:/a", "--annotate", "title=B", "--resume", *options]) == 2
@@ -507,3 +511,78 @@ def test_frames_that_are_smaller_than_a_still_say_so(tmp_path: Path, capsys: pyt
         assert main(["animate", *frames, "--turntable", "0"]) == 0
         assert "as large" not in capsys.readouterr().err
         assert np.array_equal(np.load(tmp_path / "0.npy"), still)
+
+
+# --- axes of files ----------------------------------------------------------------------------------------------------
+
+# name, coordinates, attributes of the vertical axis → its numbers from the bottom to the top, and its title
+VERTICALS = {
+    "height": (np.linspace(0, 19.8, 12), {"units": "km"}, (0.0, 20.0), "height, km"),
+    "level": (np.array([1000.0, 850, 700, 500, 300, 200]), {"units": "hPa"}, (1000.0, 200.0), "level, hPa"),
+    "depth": (np.linspace(0, 4000, 9), {"units": "m", "positive": "down"}, (4000.0, 0.0), "depth, m"),
+}
+
+
+def over_degrees(name: str) -> sg.Volume:
+    """A volume over longitude and latitude, whose vertical axis is scaled."""
+    places, attributes, _, _ = VERTICALS[name]
+    axes = [Coordinate.of(name, places, attributes)]
+    axes.append(Coordinate.of("lat", np.linspace(35, 60, 10), {"units": "degrees_north"}))
+    axes.append(Coordinate.of("lon", np.linspace(-10, 30, 16), {"units": "degrees_east"}))
+    return make_lattice(axes).volume(np.ones([axis.size for axis in axes], np.float32), "coordinates")
+
+
+@pytest.mark.parametrize("name", VERTICALS)
+def test_numbers_of_scaled_axes_are_the_files(name: str) -> None:
+    """They are those of its own axis, where they lie along it; coarser grids and channels have them, too."""
+    volume, (_, _, ends, title) = over_degrees(name), VERTICALS[name]
+    subject, camera = Subject.of(volume), sg.Camera.orbit(volume, 30, 20, size=(400, 400))
+    chosen = bounding_box.select_numbered_edges(bounding_box.edges(subject.corners, camera), subject, camera)
+    for edge, heading in zip(chosen, ("lon, °", "lat, °", title), strict=True):
+        places, texts, shown = bounding_box.marks(subject, edge, camera, 12)
+        assert shown == heading and len(texts) >= 2
+        axis = ["lon", "lat"].index(heading[:3]) if heading[0] == "l" and heading[1] != "e" else 2
+        numbers, along = np.array(texts, float), places[:, axis]
+        low, high = ends if axis == 2 else ((-10, 30), (35, 60))[axis]
+        bottom, top = volume.corners[:, axis].min(), volume.corners[:, axis].max()
+        # the box ends half a voxel beyond
+        half = volume.spacing[axis] / 2
+        share = (along - bottom - half) / (top - bottom - 2 * half)
+        assert np.allclose(numbers, low + share * (high - low), atol=2e-2 * abs(high - low))
+        assert share.min() > -0.15 and share.max() < 1.15
+    assert halve_volume(volume).axes == volume.axes
+
+
+def test_lengths_across_axes_of_several_units() -> None:
+    """A bar has the unit of the axes across the picture, else there is none; distances are those along each axis."""
+    volume = over_degrees("height")
+    subject = Subject.of(volume)
+    bar = scale_of(subject, sg.Camera.orbit(volume, 0, 0, size=(200, 200)))
+    assert bar is not None and bar.label.endswith("°")
+    rolled = sg.Camera.orbit(volume, 0, 0, size=(200, 200), up=(1.0, 0.0, 0.2))
+    assert scale_of(subject, rolled) is None
+    image = annotated(sg.Image(np.zeros((200, 200, 4), np.float32), {}), subject, TRANSFER, rolled, ["scale"])
+    assert image.info["not_annotated"] == ["no scale bar: across the picture axes have several units"]
+    slope = volume.axes[2].slope
+    points = ((0.0, 40.0, 0.0), (3.0, 44.0, 2.0 / slope))
+    assert measure_text(Measure(points), subject) == "lon 3 °, lat 4 °, height 2 km"
+    assert measure_text(Measure((points[0], (3.0, 44.0, 0.0))), subject) == "5 °"
+    assert measure_text(Measure((*points, (3.0, 40.0, 0.0))), subject) == "no angle: axes have several units"
+
+
+def test_lengths_in_several_units_of_length_are_those_of_the_world() -> None:
+    axes = [
+        Coordinate("z", 4, np.linspace(0, 0.3, 4), "km"),
+        *(Coordinate(n, 4, np.arange(4.0) * 100, "m") for n in "yx"),
+    ]
+    volume = make_lattice(axes).volume(np.ones((4, 4, 4), np.float32), "coordinates")
+    assert measure_text(Measure(((0, 0, 0), (300, 0, 400))), Subject.of(volume)) == "500 m"
+
+
+def test_heights_are_the_maps(tmp_path: Path) -> None:
+    """However high the relief is drawn."""
+    heights = np.add.outer(np.arange(12.0), np.arange(16.0)) * 10 + 500
+    np.savetxt(tmp_path / "heights.csv", heights, delimiter=",")
+    volume = sg.load(tmp_path / "heights.csv", relief=3.0)
+    axis = volume.axes[2]
+    assert (axis.name, axis.offset) == ("height", 500.0) and axis.offset + axis.slope * 3.0 == pytest.approx(760.0)

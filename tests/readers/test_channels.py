@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -10,10 +11,12 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
+from splatgl.data.color import color_of_dye
+from splatgl.data.volume import Hints
 from splatgl.fileio import WHOLE_BYTES
 from splatgl.readers.chunked import Chunked
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.view import ViewOptions
+from splatgl.scene.view import ViewOptions, orient_stack
 from splatgl.splat.scene import channel_transfers
 
 tifffile = pytest.importorskip("tifffile")
@@ -428,7 +431,7 @@ def test_channels_are_one_picture(
     full = 1 - np.exp(-6 / 24)
     assert [look.points for look in looks] == [((100, 0), (900, full)), ((50, 0), (800, full))]
     scene = sg.Scene([sg.Layer(each, look) for each, look in zip(volume.channels, looks, strict=True)])
-    pixels = renderer.render(scene, ViewOptions(size=(48, 48)).camera(volume, scene)).pixels
+    pixels = renderer.render(scene, ViewOptions(size=(48, 48)).camera(orient_stack(volume), scene)).pixels
     assert np.array_equal(np.load(out), pixels)
     red, green, blue, alpha = np.moveaxis(pixels, -1, 0)
     assert np.allclose(red, blue, atol=1e-6) and (np.minimum(red, green) > 0.05).sum() > 20 and alpha.max() > 0.7
@@ -453,7 +456,7 @@ def test_one_channel_has_its_colour(tmp_path: Path) -> None:
         (["--window-of", "GFP=5,5"], "LOW below HIGH"),
         (["--channel", "0", "--color-of", "0=#ff0000"], "expected several channels"),
         (["--time", "0:2"], "--time: expected one time point"),
-        (["--time", "x"], "expected a number, or FIRST:END:STEP"),
+        (["--time", "x"], "expected a number, a time such as 1.5s, or FIRST:END:STEP"),
         (["--time", "7"], "--time: expected a number from 0 to 1"),
     ],
 )
@@ -500,13 +503,13 @@ def test_time_points_are_played(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_flat_stacks_are_seen_as_in_a_microscope(renderer: sg.Renderer, tmp_path: Path) -> None:
-    """Along z: the corner at x = y = 0 is on the left and on top; those of its files by their hints."""
+    """Along z: the corner at x = y = 0 is on the left and on top; those of stacks of pictures by their hints."""
     stack = np.zeros((4, 40, 60), np.uint8)
     stack[:, 2:10, 2:14] = 200
     stack[:, 30:38, 46:58] = 60
     tifffile.imwrite(tmp_path / "a.ome.tif", stack, ome=True, metadata={"axes": "ZYX"}, photometric="minisblack")
     tifffile.imwrite(tmp_path / "plain.tif", stack, photometric="minisblack")
-    assert not sg.load(tmp_path / "plain.tif").hints.stack
+    assert sg.load(tmp_path / "plain.tif").hints.stack
     volume = SceneFile(str(tmp_path / "a.ome.tif")).open()
     assert volume.hints.stack and "seen along z" in volume.notes[-1]
     splats = sg.extract(volume, sg.Transfer([(30, 0), (220, 0.9)]))
@@ -529,3 +532,95 @@ def test_transfer_functions_of_channels_make_a_scene(tmp_path: Path) -> None:
     assert (pictures[0] == pictures[1]).all() and pictures[0][..., 3].max() > 0.1
     with pytest.raises(sg.InputError, match="one for each of 2 channels, got 3"):
         sg.extract(volume, [*looks, looks[0]])
+
+
+def omero_store(path: Path, rows: list[dict[str, object]]) -> Path:
+    """An OME-Zarr store of a ball in each channel, which rows of OMERO's metadata describe."""
+    zarr = pytest.importorskip("zarr")
+    z, y, x = np.indices((6, 16, 32))
+    balls = [1000 * ((x - 6 - 10 * n) ** 2 + (y - 8) ** 2 + (z - 3) ** 2 < 9) for n in range(len(rows))]
+    group = zarr.open_group(path, mode="w", zarr_format=2)
+    group.create_array("0", data=np.array(balls, np.uint16))
+    axes = [{"name": "c", "type": "channel"}, *({"name": name, "type": "space"} for name in "zyx")]
+    scale = {"type": "scale", "scale": [1.0, 1, 1, 1]}
+    levels = [{"path": "0", "coordinateTransformations": [scale]}]
+    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": levels}]
+    group.attrs["omero"] = {"channels": [{"window": {"start": 100, "end": 1000}, **row} for row in rows]}
+    return path
+
+
+def test_channels_that_a_file_switches_off_are_not_read(tmp_path: Path) -> None:
+    rows: list[dict[str, object]]
+    rows = [{"label": name, "color": color} for name, color in (("a", "00FF00"), ("b", "FF0000"), ("c", "FFFFFF"))]
+    path = omero_store(tmp_path / "a.zarr", [rows[0], rows[1], {**rows[2], "active": False}])
+    volume = sg.load(path)
+    assert [part.name for part in volume.channels] == ["a", "b"] and "channel c: switched off" in volume.notes[0]
+    assert len(sg.load(path, channel="all").channels) == 3 and sg.load(path, channel="c").notes == ()
+    one = sg.load(omero_store(tmp_path / "b.zarr", [{**rows[0], "active": False}, rows[1]]))
+    assert (one.name, one.channels, one.hints.color) == ("b", (), "#ff0000")
+    none = omero_store(tmp_path / "c.zarr", [{**row, "active": False} for row in rows])
+    assert len(sg.load(none).channels) == 3
+
+
+def test_inverted_channels_are_full_where_they_are_low(tmp_path: Path) -> None:
+    rows: list[dict[str, object]]
+    rows = [{"label": "a", "color": "00FF00"}, {"label": "b", "color": "FF0000", "inverted": True}]
+    path = omero_store(tmp_path / "a.zarr", rows)
+    plain, negative = channel_transfers(sg.load(path), {}, {})
+    assert plain.opacity(1000) > 0 and plain.opacity(100) == 0
+    assert negative.opacity(1000) == 0 and negative.opacity(100) == plain.opacity(1000)
+    alone = sg.default_transfer(sg.load(path, channel="b"))
+    assert alone.opacity(100) > 0.5 and alone.opacity(1000) == 0
+    sg.load(path).save(tmp_path / "again.zarr")
+    assert [part.hints.inverted for part in sg.load(tmp_path / "again.zarr").channels] == [False, True]
+
+
+def test_a_table_that_ends_in_black_is_a_negative(tmp_path: Path) -> None:
+    ramp, zero = np.arange(256, dtype=np.uint8), np.zeros(256, np.uint8)
+    tables = [np.stack([zero, ramp, zero]), np.stack([ramp[::-1]] * 3)]
+    stack = values("CZYX")
+    metadata = {"axes": "ZCYX", "mode": "composite", "LUTs": tables, "Ranges": (0.0, 100.0, 0.0, 100.0)}
+    tifffile.imwrite(tmp_path / "a.tif", np.moveaxis(stack, 0, 1), imagej=True, metadata=metadata)
+    hints = [part.hints for part in sg.load(tmp_path / "a.tif").channels]
+    assert [(hint.color, hint.inverted) for hint in hints] == [("#00ff00", False), ("#ffffff", True)]
+
+
+def named(*names: str, colors: tuple[str | None, ...] = ()) -> sg.Volume:
+    """A volume of channels of these names, each a ball."""
+    z, y, x = np.indices((6, 8, 8))
+    ball = (100 * np.exp(-((x - 4) ** 2 + (y - 4) ** 2 + (z - 3) ** 2) / 6)).astype(np.float32)
+    hints = [Hints(color=color) for color in colors or [None] * len(names)]
+    channels = [sg.Volume(ball, name=name, hints=hint) for name, hint in zip(names, hints, strict=True)]
+    return replace(channels[0], channels=tuple(channels))
+
+
+@pytest.mark.parametrize(
+    ("names", "primary"),
+    [
+        (("GFP", "DAPI", "mCherry"), "gbr"),
+        (("Alexa Fluor 488", "Hoechst 33342", "Texas Red"), "gbr"),
+        (("H2B-mCherry", "EGFP-tubulin", "405 nm"), "rgb"),
+        (("MitoTracker Red", "blue", "SYTOX Green"), "rbg"),
+        # those without a name take what the others leave
+        (("nuclei", "DAPI", "2"), "gbr"),
+        (("0", "1", "2"), "bgr"),
+    ],
+)
+def test_names_of_dyes_give_colours(names: tuple[str, ...], primary: str) -> None:
+    looks = channel_transfers(named(*names), {}, {})
+    assert "".join("rgb"[int(np.argmax(look.color(1e9)))] for look in looks) == primary
+
+
+def test_colours_of_the_file_go_before_names() -> None:
+    looks = channel_transfers(named("GFP", "DAPI", colors=("#ff0000", None)), {"DAPI": "#ffff00"}, {})
+    assert [look.colormap for look in looks] == ["#ff0000", "#ffff00"]
+    assert [color_of_dye(name) for name in ("Reduced", "Channel 1", "0", "image_300", "")] == [None] * 5
+
+
+@pytest.mark.parametrize("blend", ["mip", "minip", "mean", "attenuated-mip"])
+def test_channels_of_one_value_reach_full_light(blend: str) -> None:
+    """The opacity by which matter behind shows through scales no maximum."""
+    for look in channel_transfers(named("a", "b"), {}, {"b": (0, 50)}, blend=blend):
+        assert look.opacity(1e9) == pytest.approx(0.99)
+    through = channel_transfers(named("a", "b"), {}, {"b": (0, 50)})
+    assert max(look.opacity(1e9) for look in through) < 0.7

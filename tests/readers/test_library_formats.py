@@ -405,7 +405,7 @@ def test_time_series_and_blocks(tmp_path: Path) -> None:
     np.testing.assert_array_equal(first.samples, F + 2)
     for options in ({"time": 1}, {"time": 1, "array": "a"}, {"array": 1}):
         np.testing.assert_array_equal(load(series, **options).samples, F + 1)
-    with pytest.raises(InputError, match="time: expected a number from 0 to 2, got 3"):
+    with pytest.raises(InputError, match=r"time: expected a number from 0 to 2, or a time such as .*, got 3"):
         load(series, time=3)
     np.testing.assert_array_equal(load(series, array="2/a").samples, F)
     blocks = '<Block name="b"><DataSet name="one" file="0.vtr"/></Block><DataSet name="two" file="1.vtr"/>'

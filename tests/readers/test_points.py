@@ -15,6 +15,7 @@ from splatgl.data.points import Points, median_spacing, size_classes
 from splatgl.data.volume import empty_volume
 from splatgl.readers.points import SOLID
 from splatgl.splat.ray_overlap import ray_overlap
+from splatgl.splat.splats import HALF_WIDTH
 from tests.helpers.points import BYTES, COLORED, PLACES, write_las, write_pcd, write_ply
 
 Said = pytest.CaptureFixture[str]
@@ -99,6 +100,23 @@ def test_sizes_of_their_own(tmp_path: Path, rng: np.random.Generator) -> None:
     assert len(size_classes(np.full(5, 2.0))) == 1
 
 
+def test_up_to_seven_sizes_are_drawn_as_they_are() -> None:
+    sizes = np.array([2.0, 6.0, 2.0000001, 2.1, 6.0, 9.0])
+    classes = {round(size, 4): which.tolist() for size, which in size_classes(sizes)}
+    assert classes == {2.0: [0, 2], 2.1: [3], 6.0: [1, 4], 9.0: [5]}
+
+
+def test_a_point_is_as_wide_as_its_size(renderer: sg.Renderer) -> None:
+    """At half of full opacity; its opacity in all is a disc's."""
+    size, where = 4.0, np.array([[10.0, -4.0, 7.0]])
+    splats = sg.extract(volume := cloud(where, [1.0, 1.0, 1.0], size), sg.default_transfer(volume))
+    camera = sg.Camera.orthographic(where[0] - [0, 20, 0], where[0], (0, 0, 1), 8.0, (64, 64))
+    alpha = renderer.render(splats, camera).pixels[..., 3].astype(np.float64)
+    pitch = 8.0 / 64
+    assert (alpha[32] > 0.5).sum() * pitch == pytest.approx(size, abs=1.5 * pitch)
+    assert alpha.sum() * pitch**2 == pytest.approx(np.pi * size**2 / 4, rel=0.1)
+
+
 def cloud(places: np.ndarray, colors: Any, size: float) -> sg.Volume:
     """The volume of points, as the reader makes it."""
     points = Points(places, np.broadcast_to(np.asarray(colors, np.float32), places.shape), size)
@@ -115,7 +133,7 @@ def test_a_point_sums_to_its_matter(pixels: float, antialias: str, renderer: sg.
     camera = sg.Camera.orthographic(where[0] - [0, 20, 0], where[0], (0, 0, 1), size / pixels * 32, (32, 32))
     image = renderer.render(splats, camera, sg.Settings(blend="xray", antialias=antialias, align="exact"))
     total = image.pixels.sum(axis=(0, 1), dtype=np.float64)
-    right = -np.log(1 - SOLID) / size * size**3 * (pixels / size) ** 2
+    right = -np.log(1 - SOLID) * (size / HALF_WIDTH) ** 2 * (pixels / size) ** 2
     assert total[3] == pytest.approx(right, rel=0.01)
     assert total[:3] == pytest.approx(np.array([0.2, 0.5, 1.0]) * right, rel=0.01)
 
@@ -150,7 +168,7 @@ def test_the_bound_counts_the_points_of_a_surface(
     monkeypatch.setattr("splatgl.splat.ray_overlap.PART", part)
     places = rng.normal(size=(10_000, 3))
     places *= 10 / np.linalg.norm(places, axis=1)[:, None]
-    volume = cloud(places, 0.5, 0.3)
+    volume = cloud(places, 0.5, 0.3 * HALF_WIDTH)
     splats = sg.extract(volume, sg.default_transfer(volume))
     camera = sg.Camera.orbit(splats, 30, 20, 40, (256, 256))
     met = ray_overlap(splats, view := sg.plan(splats, camera, sg.Settings()).view)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +11,19 @@ import pytest
 
 import splatgl as sg
 from splatgl import reference
-from splatgl.annotations.canvas import Scale
+from splatgl.annotations.canvas import BLACK, AnnotationView, Canvas, Scale
+from splatgl.annotations.color_bar import _bars
 from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.scene.meshes import MeshFile
+from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.clipping import check_planes
 from splatgl.splat.colormaps import colormap
+from splatgl.viewer.document import Document
+from splatgl.viewer.overlays import annotation_inputs
+from splatgl.viewer.state import State
 from tests.helpers.meshes import PLAIN, along_y, block, cloud, knots
 
 CLEAR = sg.Transfer([(0.0, 0.0), (1.0, 0.0)])
@@ -264,3 +271,60 @@ def test_scene_files_and_commands(tmp_path: Path, capsys: pytest.CaptureFixture[
     for look in ({"values": [1, 2]}, {"values": "a"}, {"window": (3, 3)}, {"corner_normals": np.zeros((1, 3))}):
         with pytest.raises(InputError, match=f"{next(iter(look))}: expected"):
             sg.Mesh(np.eye(3), [[0, 1, 2]], **look)
+
+
+# --- surfaces beside lines --------------------------------------------------------------------------------------------
+
+
+def flow() -> sg.Volume:
+    """Distances from the middle, and a rotation."""
+    z, y, x = np.indices((12, 12, 12)) - 5.5
+    distance = np.sqrt(x**2 + y**2 + z**2).astype(np.float32)
+    return sg.Volume(distance, vectors=np.stack([-y, x, 0 * x + 1], axis=-1).astype(np.float32), quantity="pressure")
+
+
+def bars_of(scene: OpenScene) -> list[str]:
+    """Titles of the colour bars of its picture, or the reason for none."""
+    canvas = Canvas(np.zeros((200, 200, 4), np.float32), BLACK)
+    view = AnnotationView(scene.annotated_subject, scene.legend[1], scene.camera)
+    return [bar.label for bar in _bars(canvas, view)] or canvas.notes
+
+
+@pytest.mark.parametrize(
+    ("options", "opacity", "bars"),
+    [
+        ({"iso": "4:red"}, 1.0, ["no colour bar of this picture"]),
+        ({"iso": 4}, 1.0, ["pressure"]),
+        ({"iso": "4:red", "streamlines": 5}, 1.0, ["speed"]),
+        ({"iso": "4:red:0.3", "streamlines": 5}, 0.3, ["speed"]),
+        ({"iso": "4:red:0.3", "arrows": 5}, 0.3, ["speed"]),
+        ({"streamlines": 5}, None, ["pressure", "speed"]),
+    ],
+)
+def test_surfaces_beside_lines(options: dict[str, Any], opacity: float | None, bars: list[str]) -> None:
+    """Surfaces have the opacity that is asked for, and the bars are of what is drawn, in commands and in the window."""
+    file = SceneFile("flow", held=flow(), view=ViewOptions(size=(64, 64))).with_options(**options)
+    scene = OpenScene.of(file, file.open())
+    assert [surface.opacity for surface in scene.transfer.iso] == ([] if opacity is None else [opacity])
+    assert bars_of(scene) == bars
+    document = Document.open(file, quiet=True)
+    assert [surface.opacity for surface in document.layers[0].transfer.iso] == [s.opacity for s in scene.transfer.iso]
+    inputs = annotation_inputs(State.of(document, (64, 64)), document)
+    assert Scale.of(inputs.meshes) == scene.annotated_subject.scales
+    assert (inputs.valued, inputs.transfer.iso) == (document.volume, scene.transfer.iso)
+
+
+def test_a_value_that_no_sample_passes_is_noted() -> None:
+    notes = SceneFile("flow", held=flow()).with_options(iso=[4, 40], streamlines=5).open().notes
+    assert notes == ("no surface at 40: pressure has values from 0.866025 to 9.52628",)
+    assert SceneFile("flow", held=flow()).with_options(iso=4).open().notes == ()
+
+
+def test_the_bar_of_a_hidden_volume_is_that_of_a_visible_one() -> None:
+    other = SceneFile("b", held=sg.Volume(np.indices((6, 6, 6))[0] * 1.0, name="b"))
+    file = SceneFile("a", held=replace(flow(), name="a"), visible=False, layers=(other,))
+    scene = OpenScene.of(file, file.open())
+    assert bars_of(scene) == ["b"] and scene.legend[1].color_range == sg.default_transfer(other.open()).color_range
+    document = Document.open(file, quiet=True)
+    inputs = annotation_inputs(State.of(document, (64, 64)), document)
+    assert inputs.valued is document.layers[1].volume and inputs.volume is document.volume

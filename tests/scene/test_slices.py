@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from splatgl import reference
 from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.scene.scene_file import SceneFile
+from splatgl.viewer.slice_pixels import layer_painter
 from tests.helpers.meshes import PLAIN, RED, block, cloud, knots
 
 OPACITY = 0.05
@@ -164,6 +166,74 @@ def test_a_slice_lies_in_the_middle_of_its_pixels(sides: tuple[int, int]) -> Non
     # the halves without the title
     lower, after = light[len(light) // 2 :], light[:, (right - left) // 2 :]
     assert np.abs(lower - lower[:, ::-1]).max() < 1e-5 and np.abs(after - after[::-1]).max() < 1e-5
+
+
+def test_a_picture_says_where_its_pixels_are() -> None:
+    """A field that is linear in space, on planes that are turned and are not in its middle."""
+    direction = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    z, y, x = np.indices((14, 20, 24))
+    volume = sg.Volume(np.zeros(x.shape, np.float32), (1.5, 1.0, 2.0), (30.0, -20.0, 5.0), direction)
+    at = np.stack([x, y, z], axis=-1) @ volume.world_from_index.T + volume.origin
+    slope = np.array([0.3, -0.5, 0.8])
+    volume = replace(volume, samples=(at @ slope).astype(np.float32))
+    low, high = float(volume.samples.min()), float(volume.samples.max())
+    look = sg.Transfer([(low, 0), (high, 1)], "gray", window=(low, high))
+    middle = ",".join(f"{number:.6f}" for number in volume.center + 1.3)
+    image = sg.render(volume, look, slices=[f"{middle}:1,2,-1", "y=3", "z=80%"], size=(320, 160), background="black")
+    for row in rows_of(image.info):
+        left, top, right, bottom = row["pixels"]
+        j, i = np.indices((bottom - top, right - left)) + 0.5
+        places = np.array(row["corner"]) + i[..., None] * row["steps"][0] + j[..., None] * row["steps"][1]
+        index = np.linalg.solve(volume.world_from_index, (places - volume.origin).reshape(-1, 3).T).T
+        inside = ((index > 1) & (index < np.array([22, 18, 12]))).all(axis=1).reshape(i.shape)
+        inside[:20] = False  # the title
+        light = image.pixels[top:bottom, left:right, 0][inside]
+        assert inside.sum() > 200 and np.abs(light - look.color(places[inside] @ slope)[:, 0]).max() < 1e-4
+
+
+def test_labels_over_slices_have_the_opacity_that_is_asked_for(tmp_path: Path) -> None:
+    """One opacity of all labels, in the transfer function or of the layer, on the command line and in Python."""
+    _, y, x = np.indices((8, 16, 16))
+    image, labels = (x * 8).astype(np.uint8), np.where(x < 8, 1, 3).astype(np.uint8)
+    np.save(tmp_path / "a.npy", image)
+    np.save(tmp_path / "seg.npy", labels)
+    volume, segments = sg.load(tmp_path / "a.npy"), sg.load(tmp_path / "seg.npy").of_values("labels")
+
+    def picture(*options: str) -> np.ndarray:
+        command = ["render", str(tmp_path / "a.npy"), "--slice", "z=4", "--size", "64", "--quiet"]
+        assert main([*command, *options, "-o", str(tmp_path / "a.npy.npy")]) == 0
+        return np.load(tmp_path / "a.npy.npy")[24:, :, :3]
+
+    bare, full = picture(), picture("--labels", str(tmp_path / "seg.npy"))
+    mixed = 0.7 * bare + 0.3 * full
+    some = picture("--labels", str(tmp_path / "seg.npy"), "--only-labels", "1:0.3,3:0.3")
+    assert np.abs(full - bare).max() > 0.3 and np.abs(some - mixed).max() < 1e-4
+    own = sg.Layer(segments, opacity=0.3)
+    scene = sg.Scene([sg.Layer(volume), own])
+    points = np.array([[4.0, 8.0, 4.0], [12.0, 8.0, 4.0]])
+    light = scene.painter("slice").light(points)[:, :3]
+    first = sg.Scene([sg.Layer(volume)]).painter("slice").light(points)[:, :3]
+    over = sg.Scene([sg.Layer(volume), sg.Layer(segments)]).painter("slice").light(points)[:, :3]
+    assert np.abs(light - (0.7 * first + 0.3 * over)).max() < 1e-9
+    looks = (volume, sg.default_transfer(volume), 1.0), (segments, sg.default_transfer(segments), 0.3)
+    assert np.abs(layer_painter(looks, colored=True).light(points)[:, :3] - light).max() < 1e-9
+    # amounts over amounts, too
+    np.save(tmp_path / "more.npy", (y * 8).astype(np.uint8))
+    whole, faint = (picture("--layer", f"{tmp_path / 'more.npy'}:hot{end}") for end in ("", ":0.3"))
+    assert np.abs(faint - (0.7 * bare + 0.3 * whole)).max() < 1e-4
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_layers_that_add_up_end_at_white(count: int) -> None:
+    volumes = [sg.Volume(np.full((6, 6, 6), 0.9, np.float32)) for _ in range(count)]
+    white = sg.Transfer([(0, 0), (1, 1)], "#ffffff", window=(0, 1), shading=False)
+    scene = sg.Scene([sg.Layer(volume, white) for volume in volumes], slices=["z=3@0.65"])
+    light = scene.painter("slice").light(np.array([[3.0, 3.0, 3.0]]))
+    assert light[0] == pytest.approx([min(0.9 * count, 1)] * 3 + [1])
+    (mesh,) = scene.sliced
+    assert mesh.texture is not None and mesh.texture.texels.max() <= 1
+    half = sg.Scene([sg.Layer(volumes[0], white), sg.Layer(volumes[0], white, opacity=0.05)])
+    assert half.painter("slice").light(np.array([[3.0, 3.0, 3.0]]))[0, 0] == pytest.approx(0.9 * 1.05)
 
 
 def test_sheets_have_one_scale_and_all_slices(tmp_path: Path) -> None:

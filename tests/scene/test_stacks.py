@@ -13,7 +13,11 @@ from splatgl.animation.camera_track import turning
 from splatgl.cli.main import main
 from splatgl.data.volume import Hints, Volume
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.view import ViewOptions, is_flat_stack, orient_flat_stack
+from splatgl.scene.view import ViewOptions, is_flat_stack, orient_stack
+from splatgl.viewer.document import Document
+from splatgl.viewer.slice_views import panes, slice_up
+from splatgl.viewer.state import State
+from tests.helpers.commands import acted
 
 
 def stack(depth: int = 6) -> Volume:
@@ -48,13 +52,13 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_what_is_a_flat_stack(name: str) -> None:
     changes, flat = CASES[name]
-    volume = orient_flat_stack(replace(stack(), **changes))
+    volume = orient_stack(replace(stack(), **changes))
     assert is_flat_stack(replace(stack(), **changes)) == flat == (len(volume.notes) == 1)
     assert (abs(ViewOptions().camera(volume, volume).forward[2]) > 0.999) == flat
 
 
 def test_x_is_to_the_right_and_y_down(renderer: sg.Renderer) -> None:
-    volume = orient_flat_stack(stack())
+    volume = orient_stack(stack())
     splats = sg.extract(volume, sg.default_transfer(volume))
     camera = ViewOptions(size=(60, 40)).camera(volume, volume)
     assert np.allclose(camera.forward, [0, 0, 1]) and np.allclose(camera.right, [1, 0, 0])
@@ -76,7 +80,7 @@ def test_a_view_that_says_what_is_up_is_taken(asked: dict[str, object], tmp_path
 
 def test_azimuth_and_elevation_turn_what_is_seen() -> None:
     """About the picture's columns, as a projection in Fiji, and towards its lower edge."""
-    volume = orient_flat_stack(stack())
+    volume = orient_stack(stack())
     track = turning(ViewOptions(), volume, volume, 90.0)
     assert np.allclose(np.abs(track.camera(1).forward), [1, 0, 0])
     for camera in (track.camera(1), ViewOptions(azimuth=50.0).camera(volume, volume)):
@@ -100,3 +104,50 @@ def test_pictures_of_arrays_are_those_of_files(tmp_path: Path) -> None:
     np.save(tmp_path / "stack.npy", stack().samples)
     found = [sg.render(each, size=(30, 20)) for each in (stack().samples, tmp_path / "stack.npy")]
     assert np.array_equal(found[0].pixels, found[1].pixels) and found[0].pixels[..., 3].max() > 0.4
+
+
+@pytest.mark.parametrize("depth", [2, 4, 60])
+def test_a_stack_of_any_depth_lies_as_other_programs_show_it(depth: int, tmp_path: Path) -> None:
+    """Row 0 on top and column 0 at the left, the first plane in front, in views from above and in slices."""
+    tifffile = pytest.importorskip("tifffile")
+    samples = np.full((depth, 40, 60), 10, np.uint8)
+    samples[:, 4:8, 6:26], samples[:, 30:38, 6:14] = 250, 120
+    look = {"points": [(0, 0.0), (250, 0.9)], "colormap": "gray", "window": (0, 250), "size": (60, 40)}
+    tifffile.imwrite(tmp_path / "a.tif", samples, photometric="minisblack")
+    pictures = [
+        sg.render(tmp_path / "a.tif", view="top", blend="mip", orthographic=True, **look),
+        sg.render(tmp_path / "a.tif", slices="z=0", **look),
+        sg.render(sg.Volume(samples, unit="um"), slices="z=0", **look),
+    ]
+    for image in pictures:
+        light = image.pixels[..., :3].max(axis=2)
+        rows, columns = np.nonzero(light > 0.9 * light.max())
+        assert rows.max() < 15 and columns.min() < 18 and 20 < columns.max() < 34
+        assert light[26:, :22].max() > 1.5 * light[26:, 30:].max()
+    volume = SceneFile(str(tmp_path / "a.tif")).open()
+    for view, right, down in (
+        ("top", (1, 0, 0), (0, 1, 0)),
+        ("front", (1, 0, 0), (0, 0, 1)),
+        ("left", (0, 1, 0), (0, 0, 1)),
+    ):
+        camera = ViewOptions(view=view).camera(volume, volume)
+        assert np.allclose(camera.right, right) and np.allclose(camera.eye_from_world[1], down)
+    # an eye, and what is up, are the user's
+    asked = SceneFile(str(tmp_path / "a.tif"), view=ViewOptions(up=(0.0, 0.0, 1.0))).open()
+    assert asked.hints.up is None
+
+
+def test_the_window_shows_stacks_as_pictures_do(tmp_path: Path) -> None:
+    """Its standard views, and its slices beside the picture."""
+    for depth in (4, 60):
+        held = sg.Volume(np.random.default_rng(1).random((depth, 20, 24)), unit="um")
+        document = Document.open(SceneFile("a", held=held))
+        state = acted(State.of(document, (40, 30)), "top", document)
+        assert np.allclose(state.pose.camera.right, [1, 0, 0]) and np.allclose(state.pose.camera.forward, [0, 0, 1])
+        assert state.message == "view along +Z"
+        found = panes(document.volume, slice_up(document), (300, 300))
+        assert [(pane.across, pane.down, pane.back) for pane in found] == [
+            (0, 1, (False, False)),
+            (0, 2, (False, False)),
+            (2, 1, (False, False)),
+        ]

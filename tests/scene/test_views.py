@@ -11,7 +11,7 @@ import pytest
 import splatgl as sg
 from splatgl.errors import InputError
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.view import OF_PATIENTS, VIEWS, ViewOptions, orient_flat_stack
+from splatgl.scene.view import OF_PATIENTS, VIEWS, ViewOptions, orient_stack
 
 CUBE = np.zeros((8, 8, 8), np.float32)
 # from the patient to the eye, in LPS
@@ -105,7 +105,7 @@ def test_other_widths_are_refused(text: str) -> None:
 
 def test_flat_stacks_have_parallel_rays() -> None:
     """Unless a field of view is given, or perspective asked for; the stack fills the picture either way."""
-    stack = orient_flat_stack(sg.Volume(np.ones((4, 30, 40), np.uint8), unit="um"))
+    stack = orient_stack(sg.Volume(np.ones((4, 30, 40), np.uint8), unit="um"))
     cameras = [ViewOptions(**more).camera(stack, stack) for more in ({}, {"fov": 40.0}, {"orthographic": False})]
     assert [camera.perspective for camera in cameras] == [False, True, True]
     assert 30 < cameras[0].extent < 50 and not ViewOptions(elevation=45.0).camera(stack, stack).perspective

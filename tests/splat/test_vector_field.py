@@ -105,7 +105,7 @@ def test_meshes_of_lines_and_arrows() -> None:
     """Tubes of their radius; arrows as long as the flow is fast, along it, the fastest yellow, the slowest dark."""
     volume = flowing(rotation)
     tubes = sg.streamlines(volume, 5, radius=0.2)
-    assert tubes.colors is not None and len(tubes) > 500 and len(np.unique(tubes.colors, axis=0)) >= 3
+    assert tubes.mapped and len(tubes) > 500 and len(np.unique(tubes.values)) >= 3
     found = sg.arrows(volume, 60, length=3.0)
     corners = found.vertices.reshape(60, -1, 3)
     along = corners[:, -1] - corners[:, -2]
@@ -119,9 +119,9 @@ def test_meshes_of_lines_and_arrows() -> None:
     assert (
         np.isfinite(inward).all() and np.abs(np.cross(one[:, 1] - one[:, 0], one[:, 2] - one[:, 0]).sum(0)).max() < 1e-9
     )
-    colors = np.asarray(found.colors).reshape(60, -1, 3)[:, 0].astype(int)
     fast = np.linalg.norm(flow, axis=1)
-    assert colors[fast.argmax(), 0] > 150 > colors[fast.argmin(), 0]
+    assert np.allclose(np.asarray(found.values).reshape(60, -1)[:, 0], fast, atol=1e-5)
+    assert (found.quantity, found.colormap, found.window) == ("speed", "viridis", (0.0, greatest))
     # by default of twice their mean distance: each has its share of the volume
     every = flowing(lambda places: np.ones(places.shape))
     default = sg.arrows(every, 60).vertices.reshape(60, -1, 3)

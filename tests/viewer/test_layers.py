@@ -13,7 +13,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.scene.meshes import MeshFile, source_key
 from splatgl.scene.scene_file import SceneFile
-from splatgl.viewer.commands import Add, Copy, Open
+from splatgl.viewer.commands import Add, Copy, Open, with_settings
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.loading import Added, Files
@@ -193,3 +193,24 @@ def test_a_dropped_file_is_added(folder: Path) -> None:
         window.drop(folder / "bad.npy")["dialog"] and window.key("b")["dialog"] and not window.key("escape")["dialog"]
     )
     window.end(notes=1)
+
+
+def test_channels_keep_full_light_in_the_blend_that_is_chosen(tmp_path: Path, renderer: sg.Renderer) -> None:
+    """As if the scene had been opened in it; and as before in the blend before."""
+    z, y, x = np.indices((12, 20, 24))
+    balls = [1000 * np.exp(-((x - cx) ** 2 + (y - 10) ** 2 + (z - 6) ** 2) / 12) for cx in (8, 16)]
+    parts = [sg.Volume(ball.astype(np.float32), name=name) for ball, name in zip(balls, ("GFP", "DAPI"), strict=True)]
+    replace(parts[0], channels=tuple(parts)).save(tmp_path / "a.zarr")
+    scene = SceneFile(str(tmp_path / "a.zarr"), load={"channel": "all"})
+    document = Document.open(scene, quiet=True)
+    state = State.of(document, (48, 40))
+    shown = with_settings(state, document, state.settings.but(blend="mip"))
+    opened = Document.open(replace(scene, settings=state.settings.but(blend="mip")), quiet=True)
+    for style, right in zip(shown.styles, opened.styles, strict=True):
+        assert np.allclose(style.base.points, right.base.points) and style.base.colormap == right.base.colormap
+    back = with_settings(shown, document, state.settings)
+    for style, right in zip(back.styles, state.styles, strict=True):
+        assert np.allclose(style.base.points, right.base.points)
+    subject, settings = document.with_styles(shown.styles, (), shown.settings).subject_at(1, shown.settings)
+    pixels = renderer.render(subject, state.pose.camera, settings).pixels
+    assert pixels[..., 1].max() > 0.6 and pixels[..., 2].max() > 0.9

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.annotations.canvas import Subject
 from splatgl.annotations.measures import measure_text
 from splatgl.annotations.text import label, place_label
 from splatgl.cli.main import main
@@ -84,7 +85,8 @@ def test_measures_are_those_of_their_points(document: Document) -> None:
     """One after the other, until the key ends it; undone, and hidden once all are removed."""
     state = measured(along_x(document), "measure", document, (50.5, 60.5), (110.5, 60.5))
     # 60 pixels of a tenth of a voxel
-    assert measure_text(state.measures[0], "mm") == "6 mm" and state.message == "distance 6"
+    subject = replace(Subject.of(document.volume), unit="mm")
+    assert measure_text(state.measures[0], subject) == "6 mm" and state.message == "distance 6"
     assert state.ruler.active and not state.ruler.points and state.annotate[-1] == "measures"
     begun = add_ruler_point(state, document, (80.5, 50.5))
     strokes = ruler_marks(begun.ruler, state.pose.camera, 1.0)
@@ -244,7 +246,7 @@ def test_standard_views_are_those_of_the_patient(frame: str | None, view: str, e
     assert np.allclose(-camera.forward, eye, atol=1e-9)
     # ParaView names the direction of the view
     if frame is None:
-        name = name_of(view, None)
+        name = name_of(view, volume)
         assert camera.forward["XYZ".index(name[-1])] == pytest.approx(1.0 if name[-2] == "+" else -1.0)
 
 

@@ -64,10 +64,10 @@ def test_others_lie_as_the_views_from_above_front_and_right() -> None:
         (1, 0, 2, (False, True)),
         (0, 1, 2, (False, True)),
     ]
-    # planes of a microscope: y points down in all that have it
+    # planes of a microscope: y and z point down in all that have them
     assert [(pane.axis, pane.across, pane.down, pane.back) for pane in shown(volume, -np.eye(3)[1])] == [
         (2, 0, 1, (False, False)),
-        (1, 0, 2, (False, True)),
+        (1, 0, 2, (False, False)),
         (0, 2, 1, (False, False)),
     ]
 
@@ -249,15 +249,16 @@ def test_slices_show_every_visible_layer_as_pictures_of_slices_do(tmp_path: Path
     # the values of both at the point
     assert slice_values(state, document, 20) == ("left: 0", "upper: 1") and slice_values(alone, document, 2) == ("1",)
     assert slice_values(state, document, 7) == ("left: 0", "upp…: 1")
-    # a third of a segment over a volume
+    # a segment over a volume, by its opacity times the layer's
     segments = SceneFile(str(tmp_path / "labels.npy"), transfer={"labels": ((2, "#0000ff", 0.5),)}, opacity=0.3)
     document = Document.open(replace(one, transfer={**ramp, "colormap": "#ff0000"}, layers=(segments,)))
     state = replace(State.of(document, (300, 300)), slices=replace(state.slices, colored=True))
-    expected = (srgb_from_linear(np.array([0.7, 0.0, 0.3])) * 255).round().tolist()
+    share = 0.3 * 0.5 / 0.99
+    expected = (srgb_from_linear(np.array([1 - share, 0.0, share])) * 255).round().tolist()
     assert slice_colors_at(state, document, (1, 6, 4))[:3] == expected
     grey = replace(state, slices=replace(state.slices, colored=False))
     assert slice_colors_at(grey, document, (1, 1, 4)) == [255] * 4
-    expected = (srgb_from_linear(np.array([0.7, 0.7, 1.0])) * 255).round().tolist()
+    expected = (srgb_from_linear(np.array([1 - share, 1 - share, 1.0])) * 255).round().tolist()
     assert slice_colors_at(grey, document, (1, 6, 4))[:3] == expected
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from splatgl import readers
+from splatgl.data.color import color_of_dye
 from splatgl.data.volume import Volume
 from splatgl.readers import FORMATS
 
@@ -121,8 +122,9 @@ def _display(volume: Volume, several: bool) -> dict[str, Any]:
     hints, keywords = volume.hints, dict[str, Any]()
     if hints.window is not None:
         keywords["contrast_limits"] = hints.window
-    if hints.color is not None:
-        keywords["colormap"] = hints.color
+    color = hints.color or (color_of_dye(volume.name) if several else None)
+    if color is not None:
+        keywords["colormap"] = color
     return {**keywords, "blending": "additive"} if several else keywords
 
 
