@@ -95,8 +95,8 @@ def test_spacing_of_slices(tmp_path: Path) -> None:
     (folder / "x.log").write_text("[Acquisition]\nImage Pixel Size (um)=9.5\n[Reconstruction]\nPixel Size (um)=19.1\n")
     assert load(folder).spacing == (19.1, 19.1, 19.1)
     # their unit, in any coding
-    for unit, right in (("µm".encode(), "um"), ("µm".encode("latin-1"), "um"), (b"nm", "nm"), (b"mm", "mm")):
-        (folder / "x.log").write_bytes(b"Pixel Size (%b)=9.5\n" % unit)
+    for sign, right in (("µm".encode(), "um"), ("µm".encode("latin-1"), "um"), (b"nm", "nm"), (b"mm", "mm")):
+        (folder / "x.log").write_bytes(b"Pixel Size (%b)=9.5\n" % sign)
         assert (load(folder).unit, load(folder).spacing[0]) == (right, 9.5)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -216,7 +217,8 @@ def test_without_a_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -
 
 def test_points_follow_from_regions_or_labels() -> None:
     regions, labels = ["box:30,90,2,50:0.5"], [(1, "#ff0000", 0.5), (3, "#00ff00", 0.9)]
-    for given in ({}, {"points": []}, {"points": ()}):
+    points: tuple[dict[str, Any], ...] = ({}, {"points": []}, {"points": ()})
+    for given in points:
         by_regions, by_labels = Transfer(**given, regions=regions), Transfer(**given, labels=labels)
         assert by_regions.points == ((30.0, 0.0), (90.0, 0.0)) and [value for value, _ in by_labels.points] == [
             1.0,
