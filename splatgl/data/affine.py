@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
-import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from splatgl.data.times import plain_unit
 from splatgl.data.volume import Axis, Triple, Volume, triple
 from splatgl.errors import expected
 from splatgl.fileio import WHOLE_BYTES, budget, byte_count
@@ -371,18 +370,10 @@ _SPELLINGS = {
     "Å": ("angstrom", "ångström", "ångstrom", "Å"),
     "": ("unknown", "none", "pixel", "voxel", "?", "???"),
 }
-# letters by their numbers, as ImageJ writes those beyond Latin
-_ESCAPED = re.compile(r"\\u([0-9a-fA-F]{4})")
-
-
-def _plain(text: str) -> str:
-    """A unit's name in small letters, in which signs that look alike are one, such as those of micro and mu."""
-    letters = _ESCAPED.sub(lambda match: chr(int(match[1], 16)), text.strip())
-    return unicodedata.normalize("NFKC", letters).lower()
 
 
 _SHORT = {
-    _plain(spelling + plural): short
+    plain_unit(spelling + plural): short
     for short, spellings in _SPELLINGS.items()
     for spelling in spellings
     for plural in ("", "s")
@@ -395,29 +386,12 @@ NO_UNITS = ("1", "none", "unknown", "dimensionless", "unitless", "n/a", "us")
 
 def unit_name(text: str) -> str:
     """The short name of a unit of length ("millimeter" → "mm"), "" for none; other names are returned as they are."""
-    return _SHORT.get(_plain(text), text.strip())
+    return _SHORT.get(plain_unit(text), text.strip())
 
 
 def metres_in(unit: str) -> float | None:
     """Metres in a unit of length of any spelling; None for other units."""
     return METRES.get(unit_name(unit))
-
-
-# units of time, as files spell them
-_SECONDS = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
-    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
-    **dict.fromkeys(("us", "μs", "usec", "microsecond", "microseconds"), 1e-6),
-    **dict.fromkeys(("ns", "nsec", "nanosecond", "nanoseconds"), 1e-9),
-    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
-    **dict.fromkeys(("h", "hr", "hour", "hours"), 3600.0),
-    **dict.fromkeys(("d", "day", "days"), 86400.0),
-}
-
-
-def seconds_in(unit: object) -> float | None:
-    """Seconds in a unit of time of any spelling; None for other units."""
-    return _SECONDS.get(_plain(str(unit)))
 
 
 def curved_notes(coordinates: Mapping[str, Mapping[str, Any]], is_placed: bool) -> tuple[str, ...]:

@@ -3,16 +3,43 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 import numpy as np
 
-from splatgl.data.affine import seconds_in
 from splatgl.errors import expected, list_names
 
-_SIGNS = {1.0: "s", 1e-3: "ms", 1e-6: "µs", 60.0: "min", 3600.0: "h", 86400.0: "d"}
+# letters by their numbers, as ImageJ writes those beyond Latin
+_ESCAPED = re.compile(r"\\u([0-9a-fA-F]{4})")
+
+
+def plain_unit(text: str) -> str:
+    """A unit's name in small letters, in which signs that look alike are one, such as those of micro and mu."""
+    letters = _ESCAPED.sub(lambda match: chr(int(match[1], 16)), text.strip())
+    return unicodedata.normalize("NFKC", letters).lower()
+
+
+# units of time, as files spell them
+_SECONDS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "μs", "usec", "microsecond", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nanosecond", "nanoseconds"), 1e-9),
+    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hr", "hour", "hours"), 3600.0),
+    **dict.fromkeys(("d", "day", "days"), 86400.0),
+}
+
+
+def seconds_in(unit: object) -> float | None:
+    """Seconds in a unit of time of any spelling; None for other units."""
+    return _SECONDS.get(plain_unit(str(unit)))
+
+
+_SIGNS = {1.0: "s", 1e-3: "ms", 1e-6: "µs", 1e-9: "ns", 60.0: "min", 3600.0: "h", 86400.0: "d"}
 # calendars in which dates are those of Python
 _CALENDARS = ("", "standard", "gregorian", "proleptic_gregorian")
 _SINCE = re.compile(r"(\w+) since (\d{1,4})-(\d{1,2})-(\d{1,2})(?:[T ](\d{1,2}):(\d{2})(?::(\d{2}))?)?")

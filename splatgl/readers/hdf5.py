@@ -26,12 +26,11 @@ from splatgl.data.affine import (
     curved_notes,
     make_lattice,
     metres_in,
-    seconds_in,
     unit_name,
     value_unit_name,
 )
 from splatgl.data.arrays import Transposed
-from splatgl.data.times import Times
+from splatgl.data.times import Times, seconds_in
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError, expected
 from splatgl.readers import vtkhdf

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import Lattice, axis_kind, seconds_in
+from splatgl.data.affine import Lattice, axis_kind
+from splatgl.data.times import seconds_in
 from splatgl.readers.channels import is_color_rule
 from splatgl.readers.hdf5_files import (
     attribute_numbers,

@@ -16,7 +16,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from splatgl.data.affine import seconds_in, shared_unit, unit_name, value_unit_name, volume_on_grid
+from splatgl.data.affine import shared_unit, unit_name, value_unit_name, volume_on_grid
+from splatgl.data.times import seconds_in
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, decode_text, require_memory

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import metres_in, seconds_in
+from splatgl.data.affine import metres_in
+from splatgl.data.times import seconds_in
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra
 from splatgl.readers.channels import Channel

@@ -16,12 +16,11 @@ import numpy as np
 
 from splatgl.data.affine import (
     metres_in,
-    seconds_in,
     shared_unit,
     unit_name,
     value_unit_name,
 )
-from splatgl.data.times import Times
+from splatgl.data.times import Times, seconds_in
 from splatgl.data.volume import Hints, Label, Triple, Volume
 from splatgl.errors import Choice, expected, import_extra, list_names
 from splatgl.fileio import WHOLE_BYTES, byte_count

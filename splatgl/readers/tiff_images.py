@@ -11,7 +11,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from splatgl.data.affine import METRES, seconds_in, unit_name
+from splatgl.data.affine import METRES, unit_name
+from splatgl.data.times import seconds_in
 from splatgl.errors import expected, list_names
 from splatgl.readers.channels import Channel, ChannelSet, hex_color, parse_window
 from splatgl.readers.common import parse_number

@@ -10,7 +10,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.annotations.scale_bar import length_text
-from splatgl.data.affine import metres_in, seconds_in, unit_name
+from splatgl.data.affine import metres_in, unit_name
+from splatgl.data.times import seconds_in
 from splatgl.fileio import decode_text, load_table
 from splatgl.readers.dicom_headers import plain_text
 from splatgl.splat.clipping import world_units
