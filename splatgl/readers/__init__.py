@@ -70,6 +70,13 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: Unpack[L
         raise _with_path(path, InputError("needs more memory than available; use a smaller volume")) from error
 
 
+def require_source(source: str) -> None:
+    """Raises InputError, as `load`, for a path that does not exist."""
+    path = Path(inside(source)[0])
+    if not (is_address(source) or is_pattern(path)):
+        require_existing(path, f"{path}: path")
+
+
 def list_volumes(path: str | Path) -> list[str]:
     """A line for each volume in a file or folder with several (DICOM series, HDF5 datasets); [] if unreadable."""
     try:

@@ -13,9 +13,11 @@ from splatgl import __version__
 from splatgl.annotations.annotate import ROOM, check_size, with_time
 from splatgl.annotations.canvas import Scale, Subject
 from splatgl.data.color import Color
+from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, format_bytes
+from splatgl.readers import require_source
 from splatgl.readers.channels import TIME_HINT
 from splatgl.scene.meshes import is_mesh, surfaces_of
 from splatgl.scene.scene_file import SceneFile
@@ -60,6 +62,9 @@ class OpenScene:
         """
         check_size(file.annotate, file.view.size)
         volume = file.open()
+        # before notes on the first volume
+        for layer in (layer for layer in file.layers if layer.held is None and layer.volume not in SCENES):
+            require_source(layer.volume)
         print_notes(volume, is_quiet, is_alone)
         return cls.of(file, volume, is_quiet)
 

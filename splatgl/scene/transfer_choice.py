@@ -37,6 +37,8 @@ AMOUNT_KEYS = frozenset(
 # keys of the colours of amounts, and of the segments of a segmentation
 COLOR_KEYS = ("colormap", "colors", "window", "level_width")
 LABEL_KEYS = ("only_labels", "name_of")
+# keys that clouds of points take, too
+OF_POINTS = ("points", "shading")
 # keys that state opacities
 STATED = frozenset(("preset", "file", "points", "curve", "regions", "only_labels"))
 # keys of the look that a preset or a file states
@@ -266,7 +268,7 @@ def notes_on_looks(keys: Mapping[str, Any], volume: Volume, blend: str, of_scene
     # all fields are those of one transfer function, in which each is stated
     stated = [] if declared(Transfer).keys() <= keys.keys() else named
     if volume.points is not None:
-        for name in [*(name for name in stated if name not in ("points", "shading")), *of_scene]:
+        for name in [*(name for name in stated if name not in OF_POINTS), *of_scene]:
             fix = "points have colours of their own, and the opacity of the value 1"
             raise expected(name, "a volume of voxels", f"{len(volume.points):,} points", fix)
     notes = []

@@ -22,6 +22,7 @@ from splatgl.scene.draw import finish
 from splatgl.scene.meshes import MeshFile, surfaces_of
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.transfer_choice import OF_POINTS
 from splatgl.splat.camera import Camera
 from splatgl.splat.scene import Scene
 from splatgl.splat.settings import BLENDS, Settings
@@ -168,9 +169,11 @@ def _layer_scene(layer: LayerSplats, style: LayerStyle) -> SceneFile:
     scene, shown = layer.scene, layer.stand_in
     load = scene.load if shown is None or shown.level is None else {**scene.load, "level": shown.level}
     look: dict[str, Any] = {"threshold": style.threshold, "opacity": style.opacity, "visible": style.visible}
+    # points take the opacity of the value 1 alone
+    table = {name: value for name, value in style.table.items() if layer.volume.points is None or name in OF_POINTS}
     # a channel has the options of the picture that the scene has
     look |= {"annotate": (), "slices": (), "slice_planes": ()}
-    return replace(scene, title=style.title or scene.title, load=load, transfer=style.table, **look)
+    return replace(scene, title=style.title or scene.title, load=load, transfer=table, **look)
 
 
 def render_scene(scene: SceneFile, document: Document, draw: Draw) -> Image:

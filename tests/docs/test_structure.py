@@ -43,7 +43,10 @@ FACADES = {
 CYCLES = {"splatgl.data.volume", "splatgl.splat.scene"}
 # Files that are longer than LONG_FILE, and why each still holds one subject.
 LONG_FILE = 600
-LONG_FILES = {"scene/scene_file.py": "a scene as it is written: its keys, and how they are read, changed and stored"}
+LONG_FILES = {
+    "animation/animation.py": "an animation: its options, frames, cameras and files",
+    "scene/scene_file.py": "a scene as it is written: its keys, and how they are read, changed and stored",
+}
 # Files that are shorter than SHORT_FILE and have one importer, or none, and what names them.
 SHORT_FILE = 80
 SHORT_FILES = {
