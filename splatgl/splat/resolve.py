@@ -193,7 +193,7 @@ class Resolved:
             clip=clip,
             mask=mask,
             cues=cues,
-            allowed=_allowed(settings, samples, pixel) if after and blend.ordered and not antialias else 0.0,
+            allowed=_allowed(splats, settings, samples, pixel) if after and blend.ordered and not antialias else 0.0,
             mip_attenuation=settings.mip_attenuation,
         )
 
@@ -294,9 +294,11 @@ def _samples(settings: Settings, pixel: float, size: tuple[int, int], notes: lis
     return min(wanted, fits)
 
 
-def _allowed(settings: Settings, samples: int, pixel: float) -> float:
+def _allowed(splats: Splats, settings: Settings, samples: int, pixel: float) -> float:
     """Largest end correction of one sample with which a tile of pixels takes no more. pixel: as for `_samples`."""
-    spared = settings.antialias == "auto" and samples == SPARED and pixel <= SPARED_PIXEL
+    # rims of surfaces that planes cut may lie between the samples of like pixels
+    has_rims = bool(settings.clip) and splats.post is not None and bool(splats.post.transfer.iso)
+    spared = settings.antialias == "auto" and samples == SPARED and pixel <= SPARED_PIXEL and not has_rims
     return SPARED_SHARE * settings.tolerance if spared else 0.0
 
 
