@@ -312,7 +312,7 @@ def visible_layers(file: SceneFile, volume: Volume, transfer: Transfer, is_quiet
     if file.surfaces is not None:
         layers = _with_surfaces(layers, file)
     if not any(layer.visible and layer.opacity for layer in layers):
-        return [replace(layers[0], transfer=layers[0].seen.weakened(0.0), opacity=1.0, visible=True)]
+        return [replace(layers[0], only_slices=True, opacity=1.0, visible=True)]
     return layers
 
 

@@ -106,6 +106,7 @@ class Layer:
     function's opacities. threshold: as of `extract`. clip: conditions on the volume's box, or planes; None: the planes
     of the scene. surfaces: smoothing of a segmentation's surfaces, as of `surfaces`; None: boxes of voxels. uncut: part
     that planes leave whole: labels of the volume, a number or several, or "3,7"; or what `Volume.masked` accepts.
+    only_slices: whether slices and caps alone show it.
     """
 
     volume: Volume
@@ -116,6 +117,7 @@ class Layer:
     clip: str | Sequence[Any] | None = None
     surfaces: float | None = None
     uncut: Any = None
+    only_slices: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.opacity <= 1:
@@ -160,8 +162,8 @@ class Layer:
 
     @property
     def seen(self) -> Transfer:
-        """The transfer function with the layer's opacity; clear if surfaces are drawn."""
-        return self.faded if self.surfaces is None else self.faded.weakened(0.0)
+        """The transfer function with the layer's opacity; clear if surfaces or slices alone are drawn."""
+        return self.faded.weakened(0.0) if self.surfaces is not None or self.only_slices else self.faded
 
     @property
     def faded(self) -> Transfer:
@@ -323,17 +325,22 @@ class Scene:
     @property
     def corners(self) -> np.ndarray:
         """Corners [N, 3], world units, of the boxes of opaque samples, and vertices of meshes."""
-        return np.concatenate([*(box.corners for box in self._subjects), *(mesh.vertices for mesh in self.meshes)])
+        return np.concatenate([*(box.corners for box in self._subjects), *self._mesh_places])
 
     @property
     def outline(self) -> np.ndarray:
         """Points [N, 3], world units, whose hull contains the opaque samples and the meshes."""
-        return np.concatenate([*(box.outline for box in self._subjects), *(mesh.vertices for mesh in self.meshes)])
+        return np.concatenate([*(box.outline for box in self._subjects), *self._mesh_places])
+
+    @property
+    def _mesh_places(self) -> list[np.ndarray]:
+        """Vertices of meshes before they are clipped, as planes do not move a view, and of slices."""
+        return [mesh.vertices for mesh in (*(mesh for mesh, _ in self.whole), *self.sliced)]
 
     @cached_property
     def _subjects(self) -> list[Opaque]:
         # voxels also where surfaces are drawn: both have the same view
-        return [Opaque(layer.volume, layer.faded) for layer in self.shown]
+        return [Opaque(x.volume, x.seen if x.only_slices else x.faded) for x in self.shown]
 
 
 @dataclass(frozen=True, eq=False)

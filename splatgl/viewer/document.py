@@ -349,7 +349,7 @@ class Document:
                 made = ExtractedScene(parts, clip, self.meshes, take=lambda: tuple(each.at(stride) for each in layers))
             else:
                 first = self.layers[0]
-                clear = Layer(first.volumes[number], first.transfer.weakened(0.0), clip=first.clip)
+                clear = Layer(first.volumes[number], first.transfer, clip=first.clip, only_slices=True)
                 made = ExtractedScene([clear], clip, self.meshes, take=lambda: (_no_splats(first.at(stride)),))
             self.scenes[key] = made
         return self.scenes[key]

@@ -20,7 +20,7 @@ from splatgl.fileio import check_output, overwrites, write_file
 from splatgl.gl.screen import Sprite, Stroke
 from splatgl.scene.draw import finish
 from splatgl.scene.meshes import MeshFile, surfaces_of
-from splatgl.scene.open_scene import OpenScene
+from splatgl.scene.open_scene import OpenScene, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import OF_POINTS
 from splatgl.splat.camera import Camera
@@ -190,7 +190,8 @@ def render_scene(scene: SceneFile, document: Document, draw: Draw) -> Image:
     document = document.with_planes(scene.slice_planes)
     document = document.with_styles(styles, surfaces_of(scene), scene.settings).with_current_splats()
     subject, settings = document.subject_at(1, scene.settings)
-    image = draw(subject, scene.view.camera(document.volume, subject), settings)
+    camera = scene.view.camera(document.volume, subject)
+    image = draw(subject, camera, without_background(settings, scene.annotate))
     # the first volume may be the part that planes leave whole
     return finish(image, OpenScene(replace(scene, layers=(), uncut=""), document.volume, transfer))
 

@@ -16,13 +16,15 @@ from unittest import mock
 import numpy as np
 
 import splatgl as sg
+from splatgl.annotations.annotate import on_ground
 from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.scene.draw import DrawOptions, draw
 from splatgl.scene.meshes import VECTORS, MeshFile
-from splatgl.scene.open_scene import OpenScene
+from splatgl.scene.open_scene import OpenScene, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.shared_renderer import shared_renderer
+from splatgl.splat.settings import BLENDS
 from splatgl.viewer.adaptive_quality import FULL
 from splatgl.viewer.commands import Copy
 from splatgl.viewer.document import Document
@@ -294,8 +296,10 @@ def steadily_annotated(draft: Draft) -> Drawn:
     """The picture under the annotations of movies, whose places do not depend on the picture."""
     opened = OpenScene.read(SceneFile.from_toml(scene_path(draft)))
     names, background = opened.file.annotate, opened.file.settings.background
-    image = draw(replace(opened, file=replace(opened.file, annotate=())), DrawOptions(is_shared=True, check=0))
+    bare = replace(opened.file, annotate=(), settings=without_background(opened.file.settings, names))
+    image = draw(replace(opened, file=bare), DrawOptions(is_shared=True, check=0))
     image = sg.annotated(image, opened.annotated_subject, opened.transfer, opened.camera, names, background, True)
+    image = on_ground(image, None if BLENDS[bare.settings.blend].unbounded else background)
     return Drawn(image.pixels, image.info)
 
 
