@@ -135,14 +135,14 @@ def test_a_picture_in_parts(client: Any, renderer: sg.Renderer, saved: Path, ble
 
 
 @pytest.mark.long
-def test_regions_in_parts(client: Any, saved: Path) -> None:
-    """Workers take the regions over gradients, as in float64."""
+def test_regions_in_parts(client: Any, renderer: sg.Renderer, saved: Path) -> None:
+    """Workers take the regions over gradients, as the whole picture does."""
     volume, settings = sg.load(saved), Settings(occlusion="off")
     transfer = sg.Transfer(regions=["box:0.3,0.7,0.12,0.5:#ff8800:0.7", "triangle:0.3,0.8,0,0.4:#2266ff:0.3"])
     camera = sg.Camera.orbit(volume, 30, 20, size=(20, 15))
-    right = sg.reference.render(sg.extract(volume, transfer, classification="post"), camera, settings).pixels
+    right = renderer.render(sg.extract(volume, transfer, classification="post"), camera, settings).pixels
     image = render_slabs(saved, transfer, camera, settings, None, None, client)
-    assert right[..., 3].max() > 0.3 and np.abs(image.pixels - right).max() < 2e-4
+    assert right[..., 3].max() > 0.3 and np.abs(image.pixels - right).max() < 1e-6
 
 
 @pytest.mark.long
@@ -161,7 +161,7 @@ def test_what_workers_refuse_is_told(client: Any, saved: Path, tmp_path: Path) -
         sg.InputError, match=r"^a picture in parts: expected values .*, got classification pre;.*tcp://"
     ):
         render_slabs(saved, RAMP, camera, Settings(classification="pre"), client=client)
-    with pytest.raises(sg.InputError, match=r"gone\.npy: path: expected a file, got nothing .* \(on worker tcp://"):
+    with pytest.raises(sg.InputError, match=r"gone\.npy: path: expected a file, got no such file.* \(on worker tcp://"):
         render_slabs(tmp_path / "gone.npy", RAMP, camera, client=client)
     store = sg.Volume(Store(np.zeros((4, 4, 4))))
     with pytest.raises(sg.InputError, match=r"^source: expected a path that workers open, .* got a store; give its"):
@@ -358,7 +358,7 @@ def test_interrupted_frames_are_whole(saved: Path, tmp_path: Path) -> None:
     _, error = process.communicate(timeout=120)
     # after the note on the camera
     *notes, last = error.decode().splitlines()
-    assert process.returncode == 130 and last == "splatgl: interrupted"
+    assert process.returncode == 130 and "of 400 frames stay in" in last and "--resume" in last
     assert len(notes) == 1 and notes[0].startswith("splatgl: the camera fits the whole turn")
     found = frames(tmp_path / "f")
     assert 0 < len(found) < 400 and all(each.shape == (300, 300, 4) for each in found)
