@@ -359,7 +359,7 @@ def test_interrupted_frames_are_whole(saved: Path, tmp_path: Path) -> None:
     # after the note on the camera
     *notes, last = error.decode().splitlines()
     assert process.returncode == 130 and "of 400 frames stay in" in last and "--resume" in last
-    assert len(notes) == 1 and notes[0].startswith("splatgl: the camera fits the whole turn")
+    assert notes[0].startswith("splatgl: the camera fits the whole turn") and notes[1:] == ["splatgl: interrupted"]
     found = frames(tmp_path / "f")
     assert 0 < len(found) < 400 and all(each.shape == (300, 300, 4) for each in found)
     assert not list((tmp_path / "f").glob(".*"))
