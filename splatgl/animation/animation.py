@@ -19,7 +19,7 @@ import numpy as np
 
 from splatgl.animation.camera_track import Track, Turning, keyframes, turning
 from splatgl.animation.movie import read_ahead, time_points
-from splatgl.annotations.annotate import annotated, check_size, check_time, on_ground
+from splatgl.annotations.annotate import annotated, check_time, on_ground
 from splatgl.annotations.canvas import Subject
 from splatgl.data.image import Image
 from splatgl.distributed.worker import Drawing, keep_latest, renderer
@@ -27,7 +27,7 @@ from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name, write_file
 from splatgl.options import Group, Kind, check_options, non_default, option
 from splatgl.scene.draw import print_notes_of, progress_bar
-from splatgl.scene.open_scene import OpenScene, annotated_part, print_notes, provenance_of, without_background
+from splatgl.scene.open_scene import OpenScene, print_notes, provenance_of, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.bricks import Bricks, bricks_of, excess_need, required_bricks
 from splatgl.splat.camera import Bounded, Camera
@@ -155,11 +155,8 @@ class Animation:
         if len(scenes) > 1 and isinstance(time, slice):
             raise expected("--time", "one time point of each file", "several", "animate one file, or name one point")
         names = scenes[0].annotate
-        check_size(names, scenes[0].view.size)
-        # the view is fitted to the box in all frames
         if scenes[0].slices:
             raise expected("--slice", "none in movies", scenes[0].slices[0], "--slice-plane shows it in space")
-        scenes = [replace(scene, annotate=()) for scene in scenes]
         file = scenes[0]
         scene = OpenScene.read(file)
         if len(scenes) == 1:
@@ -170,15 +167,24 @@ class Animation:
         settings, view = _sharp_unless_asked(scene.file.settings, timeline), scene.file.view
         if timeline.flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
-        cut = scene.file.scissors
-        scenes = [replace(x, settings=settings, view=view, scissors=cut, clip=None, crop="") for x in scenes]
+        # a turn is fitted to the part that a still is fitted to
+        part, view, cut = view.part, replace(view, part=None), scene.file.scissors
+        same: dict[str, Any] = {
+            "settings": settings,
+            "view": view,
+            "scissors": cut,
+            "clip": None,
+            "crop": "",
+            "annotate": (),
+        }
+        scenes = [replace(x, **same) for x in scenes]
         scene = replace(scene, file=scenes[0], is_quiet=is_quiet, is_moving=settings.shutter > 0)
         series = len(scenes) if len(scenes) > 1 else 0
         bands = _bands(scene, timeline.flow) if scene.is_single else 0
         only = None if bands or (series and scene.is_single) else _matter(scene, timeline.flow)
         if len(scenes) == 1:
             check_time(names)
-        subject = annotated_part(scene.volume) if "box" in names else _visible_part(scene, bands, only)
+        subject = part or _visible_part(scene, bands, only)
         track, count = _track(scene, subject, timeline, series)
         first, last = timeline.only or (0, count - 1)
         if last >= count:

@@ -221,7 +221,7 @@ def cut_scene(file: SceneFile, volume: Volume) -> tuple[SceneFile, Volume]:
         whole = OpenScene.of(replace(file, scissors=()), volume)
         camera, frame = whole.camera, volume.frame
         scissors = tuple(each.seen_by(camera, frame) for each in file.scissors)
-        file = replace(file, scissors=scissors, view=file.view.fitted(Part(whole.fitted.outline, frame)))
+        file = replace(file, scissors=scissors, view=whole.file.view.fitted(Part(whole.fitted.outline, frame)))
         volume = cut_volume(volume, scissors)
     file = file.cut(volume)
     return (replace(file, view=file.view.fitted(annotated_part(volume))) if "box" in file.annotate else file), volume
