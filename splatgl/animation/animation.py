@@ -173,6 +173,7 @@ class Animation:
             "settings": settings,
             "view": view,
             "scissors": cut,
+            "world": scene.volume.world,
             "clip": None,
             "crop": "",
             "annotate": (),

@@ -20,6 +20,7 @@ from splatgl.scene.draw import DrawOptions, WorkerOptions, draw, progress_bar
 from splatgl.scene.open_scene import OpenScene, channel_layers
 
 if TYPE_CHECKING:
+    from splatgl.data.affine import World
     from splatgl.distributed.worker import Drawing
     from splatgl.scene.scene_file import SceneFile
     from splatgl.splat.camera import Camera
@@ -30,9 +31,10 @@ ALONE = {"depth": "--depth", "ref": "--ref"}
 
 @dataclass(frozen=True)
 class Same:
-    """The camera and the keys of the transfer function that all pictures share."""
+    """The camera, its frame and unit, and the keys of the transfer function that all pictures share."""
 
     camera: Camera
+    world: World
     transfer: dict[str, Any]
 
     @classmethod
@@ -42,12 +44,13 @@ class Same:
             drawn = channel_layers(scene.file, scene.volume, scene.transfer)
             spans = [(layer.volume.name, layer.seen) for layer in drawn]
             windows = [(name, look.window or (look.points[0][0], look.points[-1][0])) for name, look in spans]
-            return cls(scene.camera, {"window_of": tuple(windows)})
-        return cls(scene.camera, {} if scene.transfer.labels else scene.transfer.fields)
+            return cls(scene.camera, scene.volume.world, {"window_of": tuple(windows)})
+        return cls(scene.camera, scene.volume.world, {} if scene.transfer.labels else scene.transfer.fields)
 
     def read(self, file: SceneFile, is_quiet: bool) -> OpenScene:
         """Reads a scene with these. Notes on a window are of one that is given, not of the one that is shared."""
-        file = replace(file, view=replace(file.view, fixed=self.camera)).with_transfer(self.transfer)
+        view = replace(file.view, fixed=self.camera)
+        file = replace(file, view=view, world=self.world).with_transfer(self.transfer)
         plain = {name: value for name, value in file.transfer.items() if name != "window"}
         volume = OpenScene.read(replace(file, transfer=plain), is_quiet).volume
         return OpenScene.of(file, volume, is_quiet)

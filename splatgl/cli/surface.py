@@ -51,9 +51,9 @@ def run(args: argparse.Namespace) -> int:
         started = time.perf_counter()
         with progress_bar("slab", args.quiet) as progress:
             mesh = iso_mesh(volume, value, progress)
-        save_mesh(mesh, target, volume.unit)
+        save_mesh(mesh, target)
         if not args.quiet:
-            where = " ".join(filter(None, (volume.unit, mesh.frame))) or "world units"
+            where = " ".join(filter(None, (mesh.unit, mesh.frame))) or "world units"
             size = f"{len(mesh.faces):,} triangles, {len(mesh.vertices):,} vertices, {where}"
             print(f"{target}: {size} ({time.perf_counter() - started:.2g} s)")
     return 0

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -392,6 +392,54 @@ def unit_name(text: str) -> str:
 def metres_in(unit: str) -> float | None:
     """Metres in a unit of length of any spelling; None for other units."""
     return METRES.get(unit_name(unit))
+
+
+class World(NamedTuple):
+    """Frame (LPS, RAS or None) and unit of length of coordinates; None and "" where none is stated."""
+
+    frame: str | None = None
+    unit: str = ""
+
+    @classmethod
+    def shared(cls, worlds: Iterable[World]) -> World:
+        """The first frame and the first unit of length that one of several worlds states."""
+        listed = list(worlds)
+        frames, units = (world.frame for world in listed), (world.unit for world in listed if world.unit in METRES)
+        return cls(next(filter(None, frames), None), next(units, ""))
+
+    def change(self, frame: str | None, unit: str) -> Change | None:
+        """The change of coordinates to a frame and unit, of which one that is unknown on either side stays; None if
+        nothing changes.
+        """
+        short = unit_name(unit)
+        other = short if self.unit in METRES and short in METRES else self.unit
+        is_turned = {self.frame, frame} == {"LPS", "RAS"}
+        if not is_turned and other == self.unit:
+            return None
+        length = METRES[self.unit] / METRES[other] if other != self.unit else 1.0
+        turn = np.array([-1.0, -1.0, 1.0]) if is_turned else np.ones(3)
+        return Change(World(frame if is_turned else self.frame, other), turn, length)
+
+    def factors(self, other: World) -> np.ndarray:
+        """Factors [3] of coordinates (x, y, z), which make them those of another world."""
+        change = self.change(*other)
+        return np.ones(3) if change is None else change.factors
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A change of coordinates. world: of the results; turn [3]: −1 for axes that change their direction, else 1;
+    length: factor of lengths.
+    """
+
+    world: World
+    turn: np.ndarray
+    length: float
+
+    @property
+    def factors(self) -> np.ndarray:
+        """Factors [3] of coordinates (x, y, z)."""
+        return self.turn * self.length
 
 
 def curved_notes(coordinates: Mapping[str, Mapping[str, Any]], is_placed: bool) -> tuple[str, ...]:

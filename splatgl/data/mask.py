@@ -55,9 +55,9 @@ class Mask:
 
     def keeps(self, volume: Volume, low: Places, high: Places) -> np.ndarray:
         """bool: whether each voxel low ≤ (z, y, x) < high of a volume is kept: its centre lies in a voxel inside (or
-        outside, if so). Between LPS and RAS, x and y are flipped.
+        outside, if so), in the mask's frame and unit.
         """
-        turn = np.diag([-1.0, -1.0, 1.0]) if {self.grid.frame, volume.frame} == {"LPS", "RAS"} else np.eye(3)
+        turn = np.diag(volume.world.factors(self.grid.world))
         into = np.linalg.inv(self.grid.world_from_index)
         step = into @ turn @ volume.world_from_index
         start = into @ (turn @ np.asarray(volume.origin) - np.asarray(self.grid.origin))
@@ -148,9 +148,7 @@ def apply_mask(volume: Volume, mask: Any) -> Volume:
     if not left and not isinstance(mask, Mask):
         raise expected(what, f"an outline that leaves some of {volume.name or 'the volume'}", "none left")
     if not left:
-        mask_box, volume_box = (
-            _describe_box(grid, turned) for grid, turned in ((mask.grid, volume.frame), (volume, None))
-        )
+        mask_box, volume_box = (_describe_box(grid, volume) for grid in (mask.grid, volume))
         places = f"voxels of {volume.name or 'the volume'}, which lies at {volume_box}"
         raise expected(what, places, f"none: it lies at {mask_box}" if not mask.outside else "none outside of it")
     share = "all" if left == volume.count else f"{left / volume.count:.3g}" if left * 1000 < volume.count else ""
@@ -163,9 +161,9 @@ def apply_mask(volume: Volume, mask: Any) -> Volume:
     return result
 
 
-def _describe_box(volume: Volume, frame: str | None) -> str:
-    """The ends of a volume's box in a frame, as text."""
-    corners = volume.corners * ((-1, -1, 1) if {volume.frame, frame} == {"LPS", "RAS"} else (1, 1, 1))
+def _describe_box(volume: Volume, other: Volume) -> str:
+    """The ends of a volume's box in the world of another one, as text."""
+    corners = volume.corners * volume.world.factors(other.world)
     ends = zip("xyz", corners.min(axis=0), corners.max(axis=0), strict=True)
     return ", ".join(f"{axis} {low:.4g}…{high:.4g}" for axis, low, high in ends)
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.affine import World, unit_name
 from splatgl.data.color import linear_from_srgb, srgb_from_linear, srgb_of_name
 from splatgl.errors import expected
 
@@ -45,10 +46,10 @@ class Texture:
         """Whether texels are places in a colour map."""
         return self.texels.ndim == 2
 
-    def placed(self, turn: np.ndarray) -> Texture:
-        """The texture of a mesh that is turned by the diagonal [3], which is its own inverse."""
-        matrix = self.texel_from_world * np.append(turn, 1.0)
-        return replace(self, light=lambda points: self.light(points * turn), texel_from_world=matrix)
+    def scaled(self, factors: np.ndarray) -> Texture:
+        """The texture of a mesh whose vertices (x, y, z) are multiplied by factors [3]."""
+        matrix = self.texel_from_world / np.append(factors, 1.0)
+        return replace(self, light=lambda points: self.light(points / factors), texel_from_world=matrix)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +57,7 @@ class Mesh:
     """Triangles, lit from both sides. vertices float64 [N, 3]: world units; faces int64 [M, 3]: numbers of vertices.
 
     color: "#rrggbb", a CSS name such as teal, or linear RGB. colors uint8 [N, 3]: sRGB of each vertex instead, or None.
-    opacity: from 0 to 1, of each triangle. frame: "LPS", "RAS" or None, as of volumes.
+    opacity: from 0 to 1, of each triangle. frame, unit: as of volumes.
     values float64 [N]: numbers of vertices, drawn in the colours of `colormap` over `window` (None: from the least to
     the largest) unless there are colours; NaN is drawn in `color`. quantity: their name.
     clipped: whether clipping planes of scenes and settings cut it, too. corner_normals [M, 3, 3]: normals of the
@@ -80,6 +81,7 @@ class Mesh:
     corner_normals: np.ndarray | None = None
     texture: Texture | None = None
     caps: str = ""
+    unit: str = ""
 
     def __post_init__(self) -> None:
         vertices = _array("vertices", self.vertices, np.float64)
@@ -96,6 +98,7 @@ class Mesh:
         if not 0 <= self.opacity <= 1:
             raise expected("opacity", "a number from 0 to 1", self.opacity)
         object.__setattr__(self, "color", _color(self.color))
+        object.__setattr__(self, "unit", unit_name(str(self.unit or "")))
         values = None if self.values is None else _values(self.values, len(vertices))
         for name, value in (("vertices", vertices), ("faces", faces), ("colors", colors), ("values", values)):
             object.__setattr__(self, name, value)
@@ -140,14 +143,21 @@ class Mesh:
             return np.broadcast_to(np.asarray(self.color, np.float64), (len(self.faces), 3, 3))
         return np.asarray(linear_from_srgb(self.colors / 255.0))[self.faces]
 
-    def placed(self, frame: str | None) -> Mesh:
-        """The mesh in another frame; unchanged if either frame is unknown."""
-        if {self.frame, frame} != {"LPS", "RAS"}:
+    @property
+    def world(self) -> World:
+        """Frame and unit of the vertices."""
+        return World(self.frame, self.unit)
+
+    def placed(self, frame: str | None = None, unit: str = "") -> Mesh:
+        """The mesh in another frame and unit of length; one that is unknown on either side stays."""
+        change = self.world.change(frame, unit)
+        if change is None:
             return self
-        turn = np.array([-1.0, -1.0, 1.0])
-        normals = None if self.corner_normals is None else self.corner_normals * turn
-        texture = self.texture and self.texture.placed(turn)
-        return replace(self, vertices=self.vertices * turn, frame=frame, corner_normals=normals, texture=texture)
+        frame, unit = change.world
+        normals = None if self.corner_normals is None else self.corner_normals * change.turn
+        texture = self.texture and self.texture.scaled(change.factors)
+        vertices = self.vertices * change.factors
+        return replace(self, vertices=vertices, frame=frame, unit=unit, corner_normals=normals, texture=texture)
 
     def unlit(self) -> Mesh:
         """The mesh in its plain colours, whatever the light: with normals of length 0."""

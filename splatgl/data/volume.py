@@ -18,6 +18,7 @@ from splatgl.options import keywords_of, with_keywords
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from splatgl.data.affine import World
     from splatgl.data.points import Points
     from splatgl.keywords import ArrayKeywords
 
@@ -263,17 +264,34 @@ class Volume:
 
         return apply_mask(self, make_mask(mask, self, labels, outside))
 
-    def placed(self, frame: str | None) -> Volume:
-        """The volume in another frame, with its channels and levels; unchanged if either frame is unknown."""
-        if {self.frame, frame} != {"LPS", "RAS"}:
+    @property
+    def world(self) -> World:
+        """Frame and unit of the volume's coordinates."""
+        from splatgl.data.affine import World
+
+        return World(self.frame, self.unit)
+
+    def placed(self, frame: str | None = None, unit: str = "") -> Volume:
+        """The volume in another frame and unit of length, with its channels and levels; a frame or unit that is unknown
+        on either side stays.
+        """
+        change = self.world.change(frame, unit)
+        if change is None:
             return self
-        turn = np.array([-1.0, -1.0, 1.0])
-        x, y, z = (turn * self.origin).tolist()
-        vectors = None if self.vectors is None else self.vectors * turn.astype(self.vectors.dtype)
-        points = None if self.points is None else replace(self.points, places=self.points.places * turn)
-        parts: dict[str, Any] = {"vectors": vectors, "points": points}
-        placed = replace(self, origin=(x, y, z), direction=turn[:, None] * self.direction, frame=frame, **parts)
-        return with_parts(placed, lambda part: part.placed(frame))
+        x, y, z = (change.factors * self.origin).tolist()
+        vectors, points, hints = self.vectors, self.points, self.hints
+        placed = replace(
+            self,
+            spacing=triple(np.multiply(self.spacing, change.length), "spacing"),
+            origin=(x, y, z),
+            direction=change.turn[:, None] * self.direction,
+            frame=change.world.frame,
+            unit=change.world.unit,
+            vectors=None if vectors is None else vectors * change.turn.astype(vectors.dtype),
+            hints=replace(hints, unit=hints.unit and hints.unit * change.length),
+            points=points and replace(points, places=points.places * change.factors, size=points.size * change.length),
+        )
+        return with_parts(placed, lambda part: part.placed(frame, unit))
 
     def kept(self, low: Places, high: Places) -> np.ndarray:
         """bool: whether all masks keep each voxel low ≤ (z, y, x) < high; True without masks."""

@@ -12,6 +12,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from splatgl.data.affine import metres_in
 from splatgl.data.mesh import SIDES, Mesh, ring_points
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_existing
@@ -25,8 +26,9 @@ from splatgl.readers.vtk_xml import VtkXml, parse_vtk, read_arrays
 THIN = 1 / 400
 # default radius of balls: a share of the diagonal of all points
 THICK = 1 / 200
-# comment of 3D Slicer and others on the directions of x and y
+# comments on the directions of x and y, as 3D Slicer writes them, and on the unit of length
 SPACE = re.compile(rb"SPACE\s*[=:]\s*(LPS|RAS)")
+UNIT = re.compile(rb"UNITS?\s*[=:]\s*([A-Za-z]+)")
 HEADER = 1024
 
 # arguments: path, radius of lines, name of an array of numbers
@@ -83,25 +85,26 @@ def color_mesh(mesh: Mesh, color: str | tuple[float, float, float] | None) -> Me
 
 def _read_polygons(read: Callable[[Path], Polygons], path: Path, radius: float | None, array: str | None) -> Mesh:
     """Reads polygons, and lines as tubes; points without either become balls."""
-    some, frame = read(path), _find_frame(path)
+    some, world = read(path), _find_world(path)
     numbers = select_ply_numbers(some.columns, array)
     colors = some.colors if array is None else None
     if not len(some.ends) and not some.lines:
-        balls = _make_balls(some.points, some.colors, radius, frame)
+        balls = _make_balls(some.points, some.colors, radius)
         repeated = np.repeat(np.arange(len(some.points)), len(balls.vertices) // max(len(some.points), 1))
-        return replace(assign_numbers(balls, numbers, repeated), colors=balls.colors if array is None else None)
+        colors = balls.colors if array is None else None
+        return replace(assign_numbers(balls, numbers, repeated), colors=colors, **world)
     triangles, _ = some.fans()
     # without triangles at points that have no place
     there = np.isfinite(some.points).all(axis=1)
     triangles = triangles[there[some.numbers[triangles]].all(axis=1)]
-    mesh = Mesh(np.where(there[:, None], some.points, 0.0), some.numbers[triangles], colors=colors, frame=frame)
+    mesh = Mesh(np.where(there[:, None], some.points, 0.0), some.numbers[triangles], colors=colors)
     if numbers is not None:
         mesh = replace(mesh, values=numbers.values, quantity=numbers.name)
     mesh, kept = _merge_vertices(mesh)
     if some.corner_colors is not None and array is None:
         mesh = replace(_separate_corners(mesh), colors=some.corner_colors[triangles[kept]].reshape(-1, 3))
     tubes = _make_tubes([some.points[line] for line in some.lines], radius)
-    return replace(join_meshes([mesh, tubes]), frame=frame)
+    return replace(join_meshes([mesh, tubes]), **world)
 
 
 def _merge_vertices(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
@@ -126,13 +129,13 @@ def _read_triangles(path: Path, radius: float | None, array: str | None) -> Mesh
     if array is not None:
         raise expected("array", "no value for STL and GLB", repr(array))
     with decoder_errors("a mesh"):
-        scene, frame, parts = trimesh.load_scene(path, process=False), _find_frame(path), []
+        scene, parts = trimesh.load_scene(path, process=False), list[Mesh]()
         for node in scene.graph.nodes_geometry:
             transform, name = scene.graph[node]
             part = scene.geometry[name].copy().apply_transform(transform)
             points, colors = np.asarray(part.vertices, np.float64), None
             if not hasattr(part, "faces"):
-                parts.append(_make_balls(points, getattr(part, "colors", None), radius, frame))
+                parts.append(_make_balls(points, getattr(part, "colors", None), radius))
                 continue
             looks = part.visual
             if looks.kind == "texture":
@@ -141,7 +144,7 @@ def _read_triangles(path: Path, radius: float | None, array: str | None) -> Mesh
                 # one of all vertices, or one of each
                 colors = np.broadcast_to(np.asarray(looks.vertex_colors)[..., :3], points.shape)
             parts.append(_merge_vertices(Mesh(points, np.asarray(part.faces), colors=colors))[0])
-    return replace(join_meshes(parts), frame=frame)
+    return replace(join_meshes(parts), **_find_world(path))
 
 
 def _has_look(material: Any) -> bool:
@@ -150,20 +153,22 @@ def _has_look(material: Any) -> bool:
     return any(getattr(material, name, None) is not None for name in names)
 
 
-def _make_balls(points: np.ndarray, colors: np.ndarray | None, radius: float | None, frame: str | None) -> Mesh:
+def _make_balls(points: np.ndarray, colors: np.ndarray | None, radius: float | None) -> Mesh:
     """Balls at points [N, 3]. colors: sRGB [N, 3 or 4] of the points, or None."""
     size = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
     mesh = Mesh.of_points(points, radius or size * THICK or 1.0)
     vertex_colors = None
     if colors is not None and len(colors) == len(points) > 0:
         vertex_colors = np.repeat(np.asarray(colors)[:, :3], len(mesh.vertices) // len(points), axis=0)
-    return Mesh(mesh.vertices, mesh.faces, colors=vertex_colors, frame=frame)
+    return Mesh(mesh.vertices, mesh.faces, colors=vertex_colors)
 
 
-def _find_frame(path: Path) -> str | None:
+def _find_world(path: Path) -> dict[str, Any]:
+    """Frame and unit of a file as comments at its beginning state them, by the names of a mesh's fields."""
     with path.open("rb") as file:
-        match = SPACE.search(file.read(HEADER))
-    return match[1].decode() if match else None
+        head = file.read(HEADER)
+    frame, unit = (match[1].decode() if match else "" for match in (SPACE.search(head), UNIT.search(head)))
+    return {"frame": frame or None, "unit": unit if metres_in(unit) else ""}
 
 
 def _read_tracks(path: Path, radius: float | None, array: str | None) -> Mesh:
@@ -174,7 +179,7 @@ def _read_tracks(path: Path, radius: float | None, array: str | None) -> Mesh:
         lines = [np.asarray(line, np.float64) for line in nibabel.streamlines.load(path).streamlines]
     mesh = _make_tubes(lines, radius)
     # nibabel returns RAS, millimetres
-    return Mesh(mesh.vertices, mesh.faces, frame="RAS")
+    return Mesh(mesh.vertices, mesh.faces, frame="RAS", unit="mm")
 
 
 def _make_tubes(lines: list[np.ndarray], radius: float | None) -> Mesh:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from splatgl.data.affine import World
 from splatgl.data.mesh import CAPS, OF_VOLUME
 from splatgl.data.volume import Volume, empty_volume
 from splatgl.errors import InputError, error_prefix, expected
@@ -185,8 +186,9 @@ def clipped_meshes(source: str, meshes: tuple[MeshFile, ...], options: Mapping[s
 
 def stage(meshes: Sequence[Mesh], name: str = "") -> Volume:
     """Empty volume with the bounds of meshes, to place the camera."""
-    vertices = np.concatenate([mesh.vertices for mesh in meshes])
-    return empty_volume(vertices.min(axis=0), vertices.max(axis=0), name=name, frame=meshes[0].frame)
+    frame, unit = World.shared(mesh.world for mesh in meshes)
+    vertices = np.concatenate([mesh.placed(frame, unit).vertices for mesh in meshes])
+    return empty_volume(vertices.min(axis=0), vertices.max(axis=0), name=name, frame=frame, unit=unit)
 
 
 def surfaces_of(scene: SceneFile) -> list[MeshFile]:

@@ -219,9 +219,10 @@ def cut_scene(file: SceneFile, volume: Volume) -> tuple[SceneFile, Volume]:
         from splatgl.splat.clipping import Part
 
         whole = OpenScene.of(replace(file, scissors=()), volume)
-        camera, frame = whole.camera, volume.frame
-        scissors = tuple(each.seen_by(camera, frame) for each in file.scissors)
-        file = replace(file, scissors=scissors, view=whole.file.view.fitted(Part(whole.fitted.outline, frame)))
+        camera = whole.camera
+        scissors = tuple(each.seen_by(camera, volume.world) for each in file.scissors)
+        view = whole.file.view.fitted(Part(whole.fitted.outline, volume.frame))
+        file = replace(file, scissors=scissors, view=view)
         volume = cut_volume(volume, scissors)
     file = file.cut(volume)
     return (replace(file, view=file.view.fitted(annotated_part(volume))) if "box" in file.annotate else file), volume

@@ -31,6 +31,7 @@ import numpy as np
 
 from splatgl.annotations.annotate import check, parse_annotations
 from splatgl.annotations.canvas import Measure
+from splatgl.data.affine import World
 from splatgl.data.mask import OUTSIDE, parse_mask
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Hints, Volume
@@ -155,6 +156,7 @@ class SceneFile:
     their views and settings are ignored. title: its name in lists; "": the file's. annotate: names as for --annotate.
     animation: how movies move, by the keys ANIMATION.
     auto_background: whether pictures have the background that suits their transfer function.
+    world: frame and unit that the volume is converted to, if its file states others: those of a series.
     """
 
     volume: str
@@ -236,6 +238,7 @@ class SceneFile:
     measures: tuple[Measure, ...] = ()
     held: Volume | None = None
     auto_background: bool = False
+    world: World = World()
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -476,7 +479,7 @@ class SceneFile:
 
     def open(self) -> Volume:
         """Returns the masked volume of a built-in scene, a file or memory; a flat stack gets its view direction."""
-        volume = self._open()
+        volume = self._open().placed(*self.world)
         faint = [FAINTLY] * is_backdrop(self, volume)
         of_looks = (*transfer_notes(self.transfer, volume), *self._unused_notes(volume), *faint)
         notes = (*self.view.notes(volume.frame), *of_looks)

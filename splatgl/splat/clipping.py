@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.data.affine import metres_in
+from splatgl.data.affine import Change, metres_in
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.splat.grid import corners_of
@@ -149,6 +149,10 @@ class Box:
         corners = np.concatenate([volume.corners for volume in boxed])
         return cls(corners.min(axis=0), corners.max(axis=0), boxed[0].unit)
 
+    def meets(self, other: Box) -> bool:
+        """Whether the boxes have a point in common."""
+        return bool((self.low <= other.high).all() and (other.low <= self.high).all())
+
 
 @dataclass(frozen=True, eq=False)
 class Part:
@@ -174,9 +178,10 @@ def parse_planes(cuts: str | Sequence[Any], box: Box) -> tuple[Plane, ...]:
     return rows
 
 
-def flip_planes(planes: Sequence[Plane]) -> tuple[Plane, ...]:
-    """The planes of LPS in RAS, or those of RAS in LPS: x and y change sign."""
-    return tuple((-x, -y, z, d) for x, y, z, d in planes)
+def change_planes(planes: Sequence[Plane], change: Change) -> tuple[Plane, ...]:
+    """The planes in changed coordinates."""
+    a, b, c = change.turn.tolist()
+    return tuple((a * x, b * y, c * z, d * change.length) for x, y, z, d in planes)
 
 
 def clip_corners(cuts: Sequence[Plane], corners: np.ndarray) -> np.ndarray:

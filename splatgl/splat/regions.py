@@ -129,6 +129,10 @@ class Region:
         """The same with its opacity times a factor."""
         return replace(self, opacity=self.opacity * factor)
 
+    def rescaled(self, length: float) -> Region:
+        """The same where lengths are `length` times these numbers."""
+        return replace(self, gradients=tuple(gradient / length for gradient in self.gradients))
+
     def recolored(self, code: Callable[[str], str]) -> Region:
         """The same with another colour, which `code` makes of "#rrggbb"; images keep theirs."""
         return self if self.is_image else replace(self, color=code(self.color))

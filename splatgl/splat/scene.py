@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.affine import METRES, World
 from splatgl.data.caps import cap_meshes
 from splatgl.data.color import CHANNEL_COLORS, color_of_dye
 from splatgl.data.mask import parse_mask
@@ -20,7 +21,7 @@ from splatgl.data.mesh import OF_VOLUME, Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, error_prefix, expected
 from splatgl.splat.camera import Camera
-from splatgl.splat.clipping import Box, Plane, flip_planes, parse_planes
+from splatgl.splat.clipping import Box, Plane, change_planes, parse_planes
 from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.opaque_bounds import Opaque
@@ -126,15 +127,18 @@ class Layer:
         if self.surfaces is not None:
             object.__setattr__(self, "surfaces", check_strength(self.surfaces))
 
-    def placed(self, frame: str | None) -> Layer:
-        """The layer with its volume and clipping planes in another frame."""
-        volume = self.volume.placed(frame)
-        if volume is self.volume:
+    def placed(self, frame: str | None = None, unit: str = "") -> Layer:
+        """The layer with its volume, clipping planes, and lengths of its transfer function, in another frame and unit
+        of length, as of `Volume.placed`.
+        """
+        change = self.volume.world.change(frame, unit)
+        if change is None:
             return self
         layer = copy(self)
-        object.__setattr__(layer, "volume", volume)
+        object.__setattr__(layer, "volume", self.volume.placed(frame, unit))
+        object.__setattr__(layer, "transfer", self.transfer and self.transfer.rescaled(change.length))
         if self.clip is not None:
-            object.__setattr__(layer, "clip", flip_planes(parse_planes(self.clip, Box.of([self.volume]))))
+            object.__setattr__(layer, "clip", change_planes(parse_planes(self.clip, Box.of([self.volume])), change))
         return layer
 
     def parts(self) -> list[Layer]:
@@ -176,10 +180,11 @@ class Layer:
 class Scene:
     """Layers and meshes of one picture, in any order. layers: or volumes, with default transfer functions. clip:
     conditions such as "x>0.3" on the box around the visible layers, or planes as of Settings; they clip meshes that are
-    `clipped`. Layers and meshes are transformed to the frame, LPS or RAS, of the first layer. Surfaces of segmentations
-    are added to the meshes; notes: their distance from the voxels. slices: planes that show the values of the layers,
-    added to the meshes, too. Raises InputError for no visible layer or too many, for planes that leave nothing, for
-    slices beside the first layer, and as `surfaces`.
+    `clipped`. Layers and meshes are transformed to the frame, LPS or RAS, and the unit of length of the first layer
+    that states one. Surfaces of segmentations are added to the meshes; notes: their distance from the voxels, and
+    layers that lie elsewhere and state no unit. slices: planes that show the values of the layers, added to the meshes,
+    too. Raises InputError for no visible layer or too many, for planes that leave nothing, for slices beside the first
+    layer, and as `surfaces`.
     """
 
     layers: Sequence[Layer | Volume]
@@ -197,17 +202,17 @@ class Scene:
     def __post_init__(self) -> None:
         layers = tuple(Layer(layer) if isinstance(layer, Volume) else layer for layer in self.layers)
         object.__setattr__(self, "layers", layers)
-        first = self.frame
-        object.__setattr__(self, "layers", tuple(part for layer in layers for part in layer.placed(first).parts()))
+        world = self.world
+        object.__setattr__(self, "layers", tuple(part for layer in layers for part in layer.placed(*world).parts()))
         if not 1 <= len(self.shown) <= MOST_LAYERS:
             raise expected("layers", f"1 to {MOST_LAYERS} that are visible", len(self.shown))
         planes = parse_planes(self.clip, Box.of(layer.volume for layer in self.shown)) if self.clip else ()
         own = [parse_planes(x.clip, Box.of([x.volume])) if x.clip is not None else planes for x in self.shown]
         object.__setattr__(self, "planes", tuple(own))
-        meshes = [mesh.placed(first) for mesh in self.meshes]
+        meshes = [mesh.placed(*world) for mesh in self.meshes]
         surfaces, notes = self._segment_surfaces()
         self.place_meshes([*((mesh, planes) for mesh in meshes), *surfaces])
-        object.__setattr__(self, "notes", tuple(notes))
+        object.__setattr__(self, "notes", (*notes, *self._unit_notes()))
 
     @classmethod
     def of(cls, x: Any) -> Scene:
@@ -233,12 +238,28 @@ class Scene:
 
     @property
     def frame(self) -> str | None:
-        """The frame of all layers and meshes, LPS, RAS or None: that of the first layer, also where it is hidden, or of
-        the first visible layer or mesh that has one.
+        """The frame of all layers and meshes: LPS, RAS or None."""
+        return self.world.frame
+
+    @property
+    def world(self) -> World:
+        """Frame and unit of all layers and meshes: of the first layer, also where it is hidden, or of the first visible
+        layer or mesh that states one.
         """
         volumes = (layer.volume for layer in (*self.layers[:1], *self.shown) if isinstance(layer, Layer))
-        frames = (*(volume.frame for volume in volumes), *(mesh.frame for mesh in self.meshes))
-        return next(filter(None, frames), None)
+        return World.shared(item.world for item in (*volumes, *self.meshes))
+
+    def _unit_notes(self) -> list[str]:
+        """Notes on visible layers without a unit of length that meet no layer whose unit is known."""
+        boxes = [(layer.volume, Box.of([layer.volume])) for layer in self.shown]
+        known = [box for volume, box in boxes if volume.unit in METRES]
+        lost = [
+            volume.name or "a layer"
+            for volume, box in boxes
+            if known and volume.unit not in METRES and not any(box.meets(other) for other in known)
+        ]
+        unit = self.world.unit
+        return [f"{name} states no unit of length, is taken as in {unit}, and meets no other layer" for name in lost]
 
     def _segment_surfaces(self) -> tuple[list[tuple[Mesh, tuple[Plane, ...]]], list[str]]:
         surfaces, notes = list[tuple[Mesh, tuple[Plane, ...]]](), list[str]()

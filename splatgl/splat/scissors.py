@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from splatgl.data.affine import World
 from splatgl.data.volume import Places, with_parts
 from splatgl.errors import expected
 from splatgl.options import refuse_unknown
@@ -40,7 +41,7 @@ class Scissors:
     """outline: corners (x, y), as shares of the picture's width and height from its upper left corner; or text.
 
     keep: whether what lies under it is kept, instead of removed. camera: of the picture that it is drawn in; None: that
-    of the scene. frame: LPS or RAS, of the camera's world. Raises InputError for an outline without an area.
+    of the scene. frame, unit: of the camera's world, as of volumes. Raises InputError for an outline without an area.
 
     ```python
     ball = sg.scenes.ball(12)
@@ -54,6 +55,7 @@ class Scissors:
     keep: bool = False
     camera: Camera | None = None
     frame: str | None = None
+    unit: str = ""
     notes: tuple[str, ...] = ()
     name = "scissors"
 
@@ -107,13 +109,10 @@ class Scissors:
         """The corners as `--scissors` takes them."""
         return " ".join(f"{x:.6g},{y:.6g}" for x, y in self.outline)
 
-    def seen_by(self, camera: Camera, frame: str | None) -> Scissors:
-        """The scissors with a camera and the frame of its world: those of the scene, where they have none."""
-        return replace(self, camera=self.camera or camera, frame=self.frame or frame)
-
-    def placed(self, points: np.ndarray, frame: str | None) -> np.ndarray:
-        """Points [N, 3] of another frame in the world of the camera."""
-        return points * np.array([-1.0, -1.0, 1.0]) if {self.frame, frame} == {"LPS", "RAS"} else points
+    def seen_by(self, camera: Camera, world: World) -> Scissors:
+        """The scissors with a camera, and frame and unit of its world: those of the scene, where they have none."""
+        frame, unit = World.shared((World(self.frame, self.unit), world))
+        return replace(self, camera=self.camera or camera, frame=frame, unit=unit)
 
     def keeps(self, volume: Volume, low: Places, high: Places) -> np.ndarray:
         """bool: whether each voxel low ≤ (z, y, x) < high of a volume is kept."""
@@ -134,8 +133,8 @@ class Scissors:
     def _depth_inside(self, points: np.ndarray, volume: Volume) -> np.ndarray:
         """[N]: distance of world points [N, 3] from the faces, in voxels along the face's normal; below 0 outside."""
         assert self.camera is not None, "scissors without a view"
-        camera = self.camera
-        x, y, depth = camera.eye_from_points(self.placed(points, volume.frame)).T
+        camera, factors = self.camera, volume.world.factors(World(self.frame, self.unit))
+        x, y, depth = camera.eye_from_points(points * factors).T
         ahead = depth > 0
         scale = 1.0 / np.where(ahead, depth, 1.0) if camera.perspective else np.ones(len(depth))
         # in heights of the picture, from its middle
@@ -145,7 +144,7 @@ class Scissors:
         across = slope[:, :1] * right + slope[:, 1:] * down
         if camera.perspective:
             across = across - ((slope[:, 0] * x + slope[:, 1] * y) * scale)[:, None] * forward
-        steps = np.linalg.norm(self.placed(across, volume.frame) @ volume.world_from_index, axis=1)
+        steps = np.linalg.norm(across * factors @ volume.world_from_index, axis=1)
         return np.where(ahead, distance * camera.extent / (scale * np.maximum(steps, 1e-30)), -RAMP)
 
     @cached_property

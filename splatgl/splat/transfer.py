@@ -218,6 +218,14 @@ class Transfer:
         most = max(opacity for _, opacity in self.points)
         return replace(self, points=tuple((value, most - opacity) for value, opacity in self.points))
 
+    def rescaled(self, length: float) -> Transfer:
+        """The same where lengths are `length` times these numbers."""
+        if length == 1:
+            return self
+        gradient = tuple((magnitude / length, weight) for magnitude, weight in self.gradient)
+        regions = tuple(region.rescaled(length) for region in self.regions)
+        return replace(self, unit=self.unit and self.unit * length, gradient=gradient, regions=regions)
+
     def surface_matter(self) -> np.ndarray:
         """[n, 4]: emission and optical depth of the iso-surfaces."""
         opacity = np.array([surface.opacity for surface in self.iso])

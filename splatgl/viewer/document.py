@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from splatgl.data.affine import World
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
@@ -134,10 +135,10 @@ class Document:
         return self.layers[0].volume
 
     @property
-    def frame(self) -> str | None:
-        """The frame of all layers: of the file of the first one, or of the first visible one that states it."""
-        shown = (layer.frame for layer, style in zip(self.layers, self.styles, strict=True) if style.is_shown)
-        return next(filter(None, (self.layers[0].frame, *shown)), None)
+    def world(self) -> World:
+        """Frame and unit of all layers: of the file of the first one, or of the first visible one that states it."""
+        shown = (layer.world for layer, style in zip(self.layers, self.styles, strict=True) if style.is_shown)
+        return World.shared((self.layers[0].world, *shown))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -203,7 +204,7 @@ class Document:
         shown = self.layers[number].stand_in
         assert shown and shown.finer
         layer = self.layers[number].with_stand_in(shown.finer()).cut_by(self.layers[number].scissors)
-        layer = layer.placed(self.layers[number].volume.frame)
+        layer = layer.placed(*self.layers[number].volume.world)
         return replace(self, layers=(*self.layers[:number], layer, *self.layers[number + 1 :]))
 
     def is_described_as(self, other: Document) -> bool:
@@ -280,7 +281,7 @@ class Document:
         if shown.is_layered:
             # blurred pictures of layers are means of sharp ones
             settings, moving = settings.but(motion="off"), False
-        layers = tuple(layer.placed(shown.frame) for layer in layers)
+        layers = tuple(layer.placed(*shown.world) for layer in layers)
         layers = tuple(layer.for_style(style, settings, moving) for layer, style in zip(layers, styles, strict=True))
         if (layers, styles, shown.mesh_files) == (self.layers, self.styles, self.mesh_files):
             return self
@@ -314,9 +315,9 @@ class Document:
         """The visible meshes in their colours and opacities, as `MeshFile.open` reads them."""
         visible = [file for file in self.mesh_files if file.visible and source_key(file) in self.read]
         styled = [styled_mesh(file, self.read[source_key(file)]) for file in visible]
-        frame = next(filter(None, (self.frame, *(mesh.frame for mesh in styled))), None)
+        world = World.shared((self.world, *(mesh.world for mesh in styled)))
         return (
-            *(mesh.placed(frame) for mesh in styled),
+            *(mesh.placed(*world) for mesh in styled),
             *self.lines,
             *slice_meshes(layer_looks(self.pool, self.styles), self.slice_planes),
         )
@@ -343,13 +344,13 @@ class Document:
             number, layers = STRIDES.index(stride), self._visible
             if layers:
                 parts = [
-                    Layer(layer.volumes[number], layer.transfer, threshold=layer.threshold, clip=layer.clip)
+                    Layer(layer.volumes[number], layer.look, threshold=layer.threshold, clip=layer.planes)
                     for layer in layers
                 ]
                 made = ExtractedScene(parts, clip, self.meshes, take=lambda: tuple(each.at(stride) for each in layers))
             else:
                 first = self.layers[0]
-                clear = Layer(first.volumes[number], first.transfer, clip=first.clip, only_slices=True)
+                clear = Layer(first.volumes[number], first.look, clip=first.planes, only_slices=True)
                 made = ExtractedScene([clear], clip, self.meshes, take=lambda: (_no_splats(first.at(stride)),))
             self.scenes[key] = made
         return self.scenes[key]

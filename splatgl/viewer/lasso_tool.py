@@ -45,7 +45,7 @@ def cut_along(state: State, document: Document) -> State:
     camera, first = state.pose.camera, document.layers[0]
     try:
         outline = np.array(state.lasso.points).reshape(-1, 2) / camera.size
-        scissors = Scissors(outline, state.lasso.keep, camera, document.volume.frame)
+        scissors = Scissors(outline, state.lasso.keep, camera, *document.volume.world)
         # of few voxels, whatever the size of the volume
         cut_volume(first.volumes[-1], (*first.scissors, scissors))
     except InputError:

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.affine import World
 from splatgl.data.volume import Volume, halve_volume
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.camera import Bounded
-from splatgl.splat.clipping import Plane, check_planes, flip_planes
+from splatgl.splat.clipping import Plane, change_planes, check_planes
 from splatgl.splat.culling import visible_shell
 from splatgl.splat.extract import Progress, extract, why_only_pre
 from splatgl.splat.grid import Grid
@@ -36,10 +37,11 @@ FEW = 200_000
 class LayerSplats:
     """Volume of a layer at each of STRIDES, finest first, and its splats.
 
-    scene: options of this layer alone. frame: of its file; volumes and clip are in the document's. clip: planes of the
-    layer; None: the scene's. stand_in: the part of the volume that is shown. kind: classification and kernel of the
-    splats. estimates: `counts` of the layer that this one replaces. made: splats by stride; shells: splats without the
-    hidden ones. variants: layers of the same transfer function, by `is_post_classified`.
+    scene: options of this layer alone. world: frame and unit of its file, of the transfer function and of `clip`, the
+    planes of the layer (None: the scene's); volumes are in the document's. stand_in: the part of the volume that is
+    shown. kind: classification and kernel of the splats. estimates: `counts` of the layer that this one replaces. made:
+    splats by stride; shells: splats without the hidden ones. variants: layers of the same transfer function, by
+    `is_post_classified`.
     """
 
     name: str
@@ -47,7 +49,7 @@ class LayerSplats:
     volumes: tuple[Volume, ...]
     transfer: Transfer
     threshold: float = 0.0
-    frame: str | None = None
+    world: World = World()
     clip: tuple[Plane, ...] | None = None
     stand_in: StandIn | None = None
     kind: tuple[str, str] = ("pre", "")
@@ -68,7 +70,7 @@ class LayerSplats:
             # opacities refer to the finest voxels
             transfer = replace(transfer, unit=transfer.unit or _spacing(volume))
         clip = None if layer.clip is None else check_planes(layer.clip)
-        return cls(name, scene, (), transfer, layer.threshold, volume.frame, clip).with_stand_in(shown)
+        return cls(name, scene, (), transfer, layer.threshold, volume.world, clip).with_stand_in(shown)
 
     def with_stand_in(self, shown: StandIn) -> LayerSplats:
         """The layer with the voxels of a stand-in, and the splats of the coarsest stride."""
@@ -130,7 +132,23 @@ class LayerSplats:
 
     @cached_property
     def _opaque(self) -> Opaque:
-        return Opaque(self.volume, self.transfer)
+        return Opaque(self.volume, self.look)
+
+    @property
+    def look(self) -> Transfer:
+        """The transfer function in the document's unit of length."""
+        return self._look(self.transfer)
+
+    def _look(self, transfer: Transfer) -> Transfer:
+        """A transfer function of the layer's file in the document's unit of length."""
+        change = self.world.change(*self.volume.world)
+        return transfer if change is None else transfer.rescaled(change.length)
+
+    @property
+    def planes(self) -> tuple[Plane, ...] | None:
+        """The planes of the layer in the document's world; None: the scene's."""
+        change = self.world.change(*self.volume.world)
+        return self.clip if change is None or self.clip is None else change_planes(self.clip, change)
 
     def at(self, stride: int, progress: Progress | None = None) -> Splats:
         """The splats at a stride; opacities are per the finest volume's spacing at every stride. progress: as of
@@ -149,7 +167,8 @@ class LayerSplats:
         return self.made[stride]
 
     def _transfer_at(self, stride: int, transfer: Transfer) -> Transfer:
-        return transfer if stride == 1 else replace(transfer, unit=transfer.unit or _spacing(self.volume))
+        look = self._look(transfer)
+        return look if stride == 1 else replace(look, unit=look.unit or _spacing(self.volume))
 
     def shell(self, stride: int, progress: Progress | None = None) -> Splats:
         """The splats at a stride without those hidden from every side."""
@@ -205,13 +224,12 @@ class LayerSplats:
         cut = {id(each): cut_volume(each, scissors) for each in self.volumes if scissors != self.scissors}
         return replace(self.without_splats(), volumes=tuple(cut[id(each)] for each in self.volumes)) if cut else self
 
-    def placed(self, frame: str | None) -> LayerSplats:
-        """The layer, without splats, in another frame; this one if it is in it, or states none."""
-        if {self.volume.frame, frame} != {"LPS", "RAS"}:
+    def placed(self, frame: str | None, unit: str) -> LayerSplats:
+        """The layer, without splats, in another frame and unit; this one if it is in them, or states none."""
+        if self.volume.world.change(frame, unit) is None:
             return self
-        placed = {id(each): each.placed(frame) for each in self.volumes}
-        clip = self.clip and flip_planes(self.clip)
-        return replace(self.without_splats(), volumes=tuple(placed[id(each)] for each in self.volumes), clip=clip)
+        placed = {id(each): each.placed(frame, unit) for each in self.volumes}
+        return replace(self.without_splats(), volumes=tuple(placed[id(each)] for each in self.volumes))
 
     def for_settings(self, settings: Settings, moving: bool = False) -> LayerSplats:
         """The layer with splats of the kind that the settings take; those of the other kind are kept in `variants`.

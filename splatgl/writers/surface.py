@@ -56,7 +56,7 @@ def iso_mesh(
     if np.linalg.det(volume.world_from_index) < 0:
         triangles = triangles[:, ::-1]
     world = places @ volume.world_from_index.T + volume.origin
-    return Mesh(world, triangles[distinct], name=volume.name, frame=volume.frame)
+    return Mesh(world, triangles[distinct], name=volume.name, frame=volume.frame, unit=volume.unit)
 
 
 def _march(measure: Any, volume: Volume, part: Slab, value: float) -> tuple[np.ndarray, np.ndarray]:
@@ -81,12 +81,12 @@ def _march(measure: Any, volume: Volume, part: Slab, value: float) -> tuple[np.n
     return places[:, ::-1], np.asarray(triangles, np.int64)
 
 
-def save_mesh(mesh: Mesh, path: Path, unit: str | None) -> None:
+def save_mesh(mesh: Mesh, path: Path) -> None:
     """Writes an .stl, .ply or .obj file, whole or not at all; unit and frame are in its header, where 3D Slicer states
     the frame.
     """
     trimesh = import_extra("trimesh", "surfaces", "trimesh", EXTRA)
-    words = [f"SPACE={mesh.frame}"] * (mesh.frame is not None) + [f"UNIT={unit}"] * (unit is not None)
+    words = [f"SPACE={mesh.frame}"] * bool(mesh.frame) + [f"UNIT={mesh.unit}"] * bool(mesh.unit)
     note, kind = " ".join(["splatgl", *words]), path.suffix.lower()
     data = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(file_type=kind[1:])
     data = data.encode() if isinstance(data, str) else bytes(data)
