@@ -256,8 +256,10 @@ class SceneFile:
         """Returns the scene of a Layer, or of anything that `Volume.of` accepts, in memory; text is read."""
         from splatgl.splat.scene import Layer
 
-        if isinstance(layer, SceneFile | str | Path):
-            return layer if isinstance(layer, SceneFile) else checked(replace(_LAYER, check=cls.read), "layers", layer)
+        if isinstance(layer, SceneFile):
+            return layer
+        if isinstance(layer, str | Path):
+            return checked(replace(_LAYER, check=cls.read), "layers", str(layer))
         if not isinstance(layer, Layer):
             volume = Volume.of(layer)
             return cls(volume.name or "array", held=volume)

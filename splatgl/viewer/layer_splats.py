@@ -90,6 +90,11 @@ class LayerSplats:
         """The volume at full resolution."""
         return self.volumes[0]
 
+    @cached_property
+    def stored(self) -> Volume:
+        """The volume in the world of its file, which transfer functions refer to."""
+        return self.volume.placed(*self.world)
+
     @property
     def has_finer(self) -> bool:
         """Whether finer voxels can be read."""

@@ -10,7 +10,6 @@ import numpy as np
 from imgui_bundle import imgui
 
 from splatgl.annotations.text import plain
-from splatgl.data.volume import Volume
 from splatgl.options import declared
 from splatgl.scene.meshes import is_mesh
 from splatgl.splat.colormaps import CORE
@@ -209,24 +208,24 @@ class Panel:
     def _transfer(self, state: State, layer: LayerSplats) -> State:
         """The opacity curve, its presets and colours."""
         stats, style = self.curve.statistics_of(layer.volume), state.style
-        base = self.gallery.draw(style.stated, layer.volume, stats)
+        base = self.gallery.draw(style.stated, layer.stored, stats)
         # a preset leaves the surfaces
         base = base if base.iso == style.stated.iso else replace(base, iso=style.stated.iso)
-        base = _colors(self._functions(base, layer.volume, stats), stats)
+        base = _colors(self._functions(base, layer, stats), stats)
         low, high = transfer_editor.value_range(stats)
         base = self.shift.draw(base, high - low)
-        base = _gradient(base, (high - low) / float(np.mean(layer.volume.spacing)) / transfer_editor.STEPS)
+        base = _gradient(base, (high - low) / float(np.mean(layer.stored.spacing)) / transfer_editor.STEPS)
         return state if base == style.stated else state.edit(base=base, extinction=1.0)
 
-    def _functions(self, base: Transfer, volume: Volume, stats: Statistics) -> Transfer:
+    def _functions(self, base: Transfer, layer: LayerSplats, stats: Statistics) -> Transfer:
         """Tabs of the curve over values, and of the regions over values and gradients."""
         if imgui.begin_tab_bar("##functions"):
             if imgui.begin_tab_item("value")[0]:
-                base = self.curve.draw(base, volume)
+                base = self.curve.draw(base, layer.volume)
                 imgui.end_tab_item()
             # colours of a file have no gradient
-            if volume.color is None and imgui.begin_tab_item("value × gradient")[0]:
-                base = self.regions.draw(base, volume, stats)
+            if layer.volume.color is None and imgui.begin_tab_item("value × gradient")[0]:
+                base = self.regions.draw(base, layer.stored, stats)
                 imgui.end_tab_item()
             imgui.end_tab_bar()
         return base

@@ -160,7 +160,7 @@ def _whole_layers(document: Document) -> list[tuple[LayerSplats, LayerStyle]]:
 
 def _style(scene: SceneFile, layer: LayerSplats) -> LayerStyle:
     """The style of a layer in a scene."""
-    base = replace(scene, opacity=1.0).transfer_for(layer.volume)
+    base = replace(scene, opacity=1.0).transfer_for(layer.stored)
     return LayerStyle(base, scene.threshold, 1.0, scene.opacity, scene.visible)
 
 
