@@ -123,11 +123,20 @@ def _volume(draft: Draft, samples: np.ndarray, placed: Mapping[str, Any], **more
 
 
 def _saved(draft: Draft, volume: Volume, kind: str, stem: str) -> Source:
-    """Writes a volume: in RAS sometimes as NIfTI, whose grid is rounded, so that memory holds what is read."""
+    """Writes a volume: in RAS sometimes as NIfTI, whose grid is rounded, so that memory holds what is read; behind the
+    first sometimes in another unit.
+    """
+    volume = volume.placed(None, other_unit(draft))
     is_nifti = volume.frame == "RAS" and not volume.labels and volume.vectors is None and draft.chance(0.4)
     file = draft.name(stem, ".nii.gz" if is_nifti else ".nrrd")
     volume.save(draft.folder / file)
     return Source(file, kind, None if is_nifti else replace(volume, name=file.partition(".")[0]))
+
+
+def other_unit(draft: Draft) -> str:
+    """The unit of a source: of the first mm, of others sometimes um."""
+    rng = np.random.default_rng((draft.seed, len(draft.sources)))
+    return "um" if draft.sources and rng.random() < 0.3 else "mm"
 
 
 def amounts(draft: Draft) -> Source:
@@ -208,7 +217,10 @@ def write_mesh(draft: Draft) -> str:
     corners = np.vstack([np.eye(3), -np.eye(3)]) * draft.rng.uniform(1.5, 4.0, 3) + CENTRE
     corners = (corners + draft.rng.uniform(-4, 4, 3)) @ (TURN if side == "RAS" else np.eye(3))
     faces = [(a, b, c) for a in (0, 3) for b in (1, 4) for c in (2, 5)]
-    header = ["ply", "format ascii 1.0", *([f"comment SPACE={side}"] if side else []), "element vertex 6"]
+    unit = other_unit(draft)
+    corners = corners * (1000 if unit == "um" else 1)
+    header = ["ply", "format ascii 1.0", *([f"comment SPACE={side}"] if side else []), f"comment UNIT={unit}"]
+    header += ["element vertex 6"]
     header += [f"property float {axis}" for axis in "xyz"]
     header += ["element face 8", "property list uchar int vertex_indices", "end_header"]
     rows = [" ".join(f"{x:.4f}" for x in corner) for corner in corners]
