@@ -280,6 +280,7 @@ class Volume:
             return self
         x, y, z = (change.factors * self.origin).tolist()
         vectors, points, hints = self.vectors, self.points, self.hints
+        axes = zip(self.axes, change.factors.tolist(), strict=bool(self.axes))
         placed = replace(
             self,
             spacing=triple(np.multiply(self.spacing, change.length), "spacing"),
@@ -288,6 +289,7 @@ class Volume:
             frame=change.world.frame,
             unit=change.world.unit,
             vectors=None if vectors is None else vectors * change.turn.astype(vectors.dtype),
+            axes=tuple(replace(axis, slope=axis.slope / factor) for axis, factor in axes),
             hints=replace(hints, unit=hints.unit and hints.unit * change.length),
             points=points and replace(points, places=points.places * change.factors, size=points.size * change.length),
         )
