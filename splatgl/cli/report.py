@@ -17,8 +17,8 @@ import numpy as np
 from splatgl import __version__
 from splatgl.cli.options import add_backend, add_options, record_of
 from splatgl.comparison.metrics import require_flip
+from splatgl.data.halving import halve_volume
 from splatgl.data.scenes import FORMULAS
-from splatgl.data.volume import halve_volume
 from splatgl.distributed.worker import Drawing, keep_latest, renderer
 from splatgl.errors import InputError, expected
 from splatgl.options import declared

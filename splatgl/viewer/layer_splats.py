@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.affine import World
-from splatgl.data.volume import Volume, halve_volume
+from splatgl.data.halving import halve_volume
+from splatgl.data.volume import Volume
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.camera import Bounded
 from splatgl.splat.clipping import Plane, change_planes, check_planes

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.data.volume import FEWEST, Volume, halve_volume
+from splatgl.data.halving import FEWEST, halve_volume
+from splatgl.data.volume import Volume
 from splatgl.fileio import budget, format_bytes
 from splatgl.splat.bricks import bricks_of, estimate_need
 from splatgl.splat.settings import Settings

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from splatgl.data.halving import halve_volume
 from splatgl.data.image import Image
-from splatgl.data.volume import Volume, halve_volume
+from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.splat.camera import Camera
 from splatgl.splat.presets import default_transfer

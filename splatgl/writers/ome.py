@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.volume import FEWEST, Places, Volume, halve_samples
+from splatgl.data.halving import FEWEST, halve_samples
+from splatgl.data.volume import Places, Volume
 from splatgl.writers import Content, label_colors
 
 # voxels along the sides of a chunk, and chunks along those of a box in memory; the coarsest level is one chunk

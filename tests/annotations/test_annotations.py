@@ -22,7 +22,7 @@ from splatgl.annotations.measures import measure_text
 from splatgl.annotations.scale_bar import length_text, log_ticks, scale_of, ticks
 from splatgl.cli.main import main
 from splatgl.data.affine import Coordinate, make_lattice
-from splatgl.data.volume import halve_volume
+from splatgl.data.halving import halve_volume
 from splatgl.scene.scene_file import SceneFile
 
 ALL = ("scale", "colorbar", "axes", "directions", "title=Head", "time=3 h")

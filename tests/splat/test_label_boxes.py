@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.data.volume import Label, halve_volume
+from splatgl.data.halving import halve_volume
+from splatgl.data.volume import Label
 from splatgl.reference.depth_map import depths
 from splatgl.reference.pick import pick
 from splatgl.splat import label_normals

@@ -16,8 +16,9 @@ import numpy as np
 from splatgl.annotations.annotate import annotated, omission_notes
 from splatgl.data.arrays import of_napari
 from splatgl.data.color import linear_from_srgb
+from splatgl.data.halving import halve_volume
 from splatgl.data.image import Image
-from splatgl.data.volume import ArrayOptions, Volume, halve_volume
+from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import expected
 from splatgl.integrations import color_nodes, opacity_nodes, plane_through, sample_plane
 from splatgl.integrations.napari.snapshot import ENTRIES, FIELDS, ColorTable, LayerSnapshot, Look, Snapshot, take
