@@ -247,7 +247,7 @@ class Scene:
         layer or mesh that states one.
         """
         volumes = (layer.volume for layer in (*self.layers[:1], *self.shown) if isinstance(layer, Layer))
-        return World.shared(item.world for item in (*volumes, *self.meshes))
+        return World.shared((*(volume.world for volume in volumes), *(mesh.world for mesh in self.meshes)))
 
     def _unit_notes(self) -> list[str]:
         """Notes on visible layers without a unit of length that meet no layer whose unit is known."""

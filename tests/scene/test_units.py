@@ -13,6 +13,7 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.data.affine import World
+from splatgl.data.volume import Axis
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
@@ -197,6 +198,10 @@ def test_placed_volumes_and_meshes() -> None:
     assert (placed.unit, placed.frame, placed.channels[1].unit, placed.coarser[0].unit) == ("mm", "RAS", "mm", "mm")
     assert placed.spacing == pytest.approx((1, 1, 1.25)) and placed.origin == pytest.approx((-8, 1, 4))
     assert np.allclose(placed.placed("LPS", "um").corners, volume.corners)
+    # a file's coordinates stay where they are
+    axes = tuple(Axis(name, "km", 1e-9, 2.0) for name in "xyz")
+    slopes = [axis.slope for axis in replace(volume, axes=axes).placed("RAS", "mm").axes]
+    assert slopes == pytest.approx([-1e-6, -1e-6, 1e-6])
     assert volume.placed(None, "px") is volume is volume.placed("LPS", "um") is volume.placed()
     mesh = sg.Mesh(TRIANGLE, [(0, 1, 2)], unit="millimeter")
     assert np.allclose(mesh.placed(None, "um").vertices, TRIANGLE * 1000) and mesh.placed("RAS") is mesh
