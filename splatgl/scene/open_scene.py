@@ -169,9 +169,12 @@ class OpenScene:
 
     @property
     def has_matter(self) -> bool:
-        """Whether there are splats or meshes."""
+        """Whether planes leave any splats or meshes."""
+        from splatgl.splat.resolve import select_splats
+
         settings, subject = self.settings, self.subject
-        return bool(subject.surfaces(settings)) or any(len(splats) for splats, _ in subject.drawn(settings))
+        kept = (select_splats(splats, look, self.is_moving) for splats, look in subject.drawn(settings))
+        return bool(subject.surfaces(settings)) or any(map(len, kept))
 
     def check_masks(self) -> None:
         """Raises InputError if the masks keep only transparent voxels."""

@@ -537,6 +537,7 @@ def _mesh(draft: Draft) -> Table:
 def traits(draft: Draft) -> set[str]:
     """Names of a scene's options, and of the kinds of its sources: "a layer of points"."""
     names = set(option_names(draft.table)) | {f"a volume of {draft.kind}"}
+    names |= {"a series"} if draft.kind == "times" and "load.time" not in names else set()
     return names | {f"a layer of {draft.sources[row['volume']].kind}" for row in draft.table.get("layer", ())}
 
 

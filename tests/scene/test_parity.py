@@ -94,7 +94,7 @@ def explain(
         known = [message for trait, message in door.refuses.items() if trait in has]
         same = plain(drawn) in (plain(text) for text in (base, picture) if isinstance(text, str))
         return None if same or any(re.search(message, drawn) for message in known) else f"{name} refuses: {drawn}"
-    if isinstance(base, str) and door.is_open and "expected layers with an opacity, got none" in base:
+    if isinstance(base, str) and door.is_open and re.search("expected (layers|voxels) with an opacity.*got none", base):
         return None if (drawn.pixels == drawn.pixels[0, 0]).all() else f"{name} shows what is hidden"
     if isinstance(base, str):
         return f"{name} draws what is refused: {base}"
@@ -106,8 +106,9 @@ def explain(
 
 
 def plain(message: str) -> str:
-    """A message in the words of every door: options by their names alone."""
-    return message.removeprefix("scene.toml: ").replace("--", "").replace("=", " ")
+    """A message in the words of every door: options and volumes by their names alone."""
+    words = message.removeprefix("scene.toml: ").replace("--", "").replace("=", " ")
+    return re.sub(r"^(\w+)\.(nrrd|npy|nii\.gz|nii|zarr|ply): ", r"\1: ", words)
 
 
 def failures(draft: Draft, doors: dict[str, Door]) -> list[str]:
