@@ -361,7 +361,9 @@ class Scene:
     @cached_property
     def _subjects(self) -> list[Opaque]:
         # voxels also where surfaces are drawn: both have the same view
-        return [Opaque(x.volume, x.seen if x.only_slices else x.faded) for x in self.shown]
+        # the box of meshes alone has no matter: where there is another volume, the meshes themselves count
+        solid = [x for x in self.shown if any(opacity for _, opacity in x.volume.hints.points or ((0.0, 1.0),))]
+        return [Opaque(x.volume, x.seen if x.only_slices else x.faded) for x in solid or self.shown]
 
 
 @dataclass(frozen=True, eq=False)
