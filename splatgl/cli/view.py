@@ -79,6 +79,7 @@ def run(args: argparse.Namespace) -> int:
         ground=args.ground or Options.ground,
         panel=not args.no_panel,
         source=args.source,
+        owns_process=True,
     )
     open_window(files, scene, options, args.backend, args.device, args.gpu)
     return 0

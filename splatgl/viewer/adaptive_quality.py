@@ -43,17 +43,20 @@ def return_free_memory() -> None:
 
 
 class IdleTrim:
-    """Frees unused documents and pictures. They refer to themselves: Python alone frees them late."""
+    """Frees unused documents and pictures. They refer to themselves: Python alone frees them late. owns_process:
+    whether objects that are there already are not looked through each time, which takes 40 ms.
+    """
 
-    def __init__(self, now: float) -> None:
+    def __init__(self, now: float, owns_process: bool) -> None:
         self.frame: object = None
-        self.at = now
-        # modules and other objects that are there already are not looked through each time, which takes 40 ms
-        gc.freeze()
+        self.at, self.owns_process = now, owns_process
+        if owns_process:
+            gc.freeze()
 
     def close(self) -> None:
         """Leaves all objects to Python again."""
-        gc.unfreeze()
+        if self.owns_process:
+            gc.unfreeze()
 
     def look(self, frame: object, resting: bool, now: float) -> None:
         """Frees memory once for a frame that rests, and seldom for frames in motion."""

@@ -49,7 +49,8 @@ OPENING, READING, EXTRACTING, PICTURE, COUNT = "opening", "reading", "extracting
 @dataclass(frozen=True)
 class Options:
     """Startup options. size: screen units; None: that of the latest window. folder: for saved images; source: the path
-    that is being read already.
+    that is being read already. owns_process: whether the process is the window's alone, so that it may close the window
+    on signals and tune the memory of others.
     """
 
     size: tuple[int, int] | None = None
@@ -59,6 +60,7 @@ class Options:
     ground: str = "black"
     panel: bool = True
     source: str = ""
+    owns_process: bool = False
 
 
 class Display:
@@ -70,8 +72,9 @@ class Display:
     def __init__(
         self, document: Document, renderer: Renderer, options: Options | None = None, files: Files | None = None
     ) -> None:
-        return_large_blocks()
         self.options, self.renderer = options or Options(), renderer
+        if self.options.owns_process:
+            return_large_blocks()
         # effects of commands, performed in the next step
         self.effects: list[Effect] = []
         # number of inputs, and the time of the latest: a full-quality frame is cancelled by new ones
@@ -114,7 +117,7 @@ class Display:
         self.files.refine(document)
         self.refiner = Refiner(document.counts, prod(self.size), self.options.target)
         self.ticked = self.played = self.now()
-        self.trim = IdleTrim(self.ticked)
+        self.trim = IdleTrim(self.ticked, self.options.owns_process)
         # whether the next request to quit is obeyed although edits are lost
         self.warned = False
         # pixels from the left picture to the one that the mouse is in

@@ -6,7 +6,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib.util import find_spec
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Unpack
@@ -118,7 +118,7 @@ def open_window(
     with Renderer(backend, device, gpu) as renderer:
         viewer = Viewer(Document.placeholder(scene), renderer, options, files)
         try:
-            with _ended_by_signals(viewer):
+            with _ended_by_signals(viewer) if options.owns_process else nullcontext():
                 viewer.run()
         except BackendError as error:
             raise InputError(f"window: {error}") from error

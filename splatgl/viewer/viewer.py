@@ -94,7 +94,8 @@ class Viewer(LiveView):
     def close(self) -> None:
         """Frees the window and its resources, but not the renderer."""
         self.closed = True
-        self.remember()
+        if not self.window.errors.message:
+            self.remember()
         self.dialogs.close()
         self.recorder.cancel()
         self.reference.forget()
@@ -103,6 +104,7 @@ class Viewer(LiveView):
         if self.panel is not None:
             self.panel.close()
         self.screen.close()
+        self.window.errors.close()
 
     def _patience(self) -> float:
         """Seconds to wait for events; a held button defers the full-quality frame."""

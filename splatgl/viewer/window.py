@@ -10,6 +10,7 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 from splatgl.annotations.text import legible
+from splatgl.gl.backends import BackendError
 from splatgl.gl.screen import Screen
 from splatgl.viewer.input import from_character, from_key, modifiers
 from splatgl.viewer.tool import Place, Pointer
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from splatgl.viewer.display import Display
 
 BUTTONS = ("left", "right", "middle")
-# exit code after losing the display
-GONE = 2
 # offsets of resourceid and error_code in Xlib's XErrorEvent
 RESOURCE, CODE = 16, 32
 # smallest window, in screen coordinates
@@ -33,13 +32,13 @@ class Window:
         import glfw
 
         self.glfw, self.screen, self.listener, self.handle = glfw, screen, listener, screen.window
+        self.errors = XErrors(self.handle)
         # cursor position at the time of an event: a later query may return a newer one
         self.at: Place = self._pixels(*glfw.get_cursor_pos(self.handle))
         # place and size before fullscreen
         self.before: tuple[int, int, int, int] | None = None
         # GLFW reports errors as warnings: failures that matter are checked where they occur
         warnings.simplefilter("ignore", glfw.GLFWError)
-        _outlive_display(self.handle)
         glfw.swap_interval(1)
         glfw.set_window_size_limits(self.handle, SMALLEST, SMALLEST, glfw.DONT_CARE, glfw.DONT_CARE)
         glfw.set_key_callback(self.handle, self._key)
@@ -61,6 +60,8 @@ class Window:
     def size(self) -> tuple[int, int]:
         """Pixels; (0, 0) while minimised."""
         width, height = self.glfw.get_framebuffer_size(self.handle)
+        # of a window that is gone they are any numbers
+        self.errors.check()
         return int(width), int(height)
 
     @property
@@ -89,6 +90,7 @@ class Window:
             self.glfw.wait_events_timeout(seconds)
         else:
             self.glfw.poll_events()
+        self.errors.check()
 
     def wake(self) -> None:
         """Ends a wait; callable from any thread."""
@@ -158,37 +160,64 @@ class Window:
         self.listener.drop([os.fsdecode(path) for path in paths])
 
 
-def _outlive_display(handle: Any) -> None:
-    """Prints one line and exits with GONE if the X server or the window disappears, instead of Xlib's windows exit.
-    Ignores errors of other windows, such as the source of a drag that ends.
+class XErrors:
+    """Errors of X on the display of a window: of the window and of the display they are kept, others are ignored, such
+    as those of the source of a drag that ends. Those of other displays go to the handler before.
     """
-    name = ctypes.util.find_library("X11") if sys.platform.startswith("linux") else None
-    if name is None:
-        return
-    import glfw
 
-    # GLFW for Wayland has neither function; 0 means no such window
-    ways = (getattr(glfw, name, None) for name in ("get_x11_window", "get_glx_window"))
-    windows = {way(handle) for way in ways if way is not None} - {0, None}
+    def __init__(self, handle: Any) -> None:
+        self.message, self.is_raised = "", False
+        name = ctypes.util.find_library("X11") if sys.platform.startswith("linux") else None
+        self.library = None if name is None else ctypes.CDLL(name)
+        import glfw
 
-    def failed(_: Any, event: int) -> int:
-        number = ctypes.string_at(event, CODE + 1)[CODE]
-        # nearly always BadWindow (3) or BadDrawable (9)
-        lost = ctypes.c_ulong.from_address(event + RESOURCE).value in windows
-        return _gone(f"the window went away (X error {number})") if lost else 0
+        # GLFW for Wayland has none of these; 0 means no such window
+        display = getattr(glfw, "get_x11_display", lambda: None)()
+        if self.library is None or not display or not hasattr(self.library, "XSetIOErrorExitHandler"):
+            self.library = None
+            return
+        here = self.display = ctypes.cast(display, ctypes.c_void_p).value
+        ways = (getattr(glfw, name, None) for name in ("get_x11_window", "get_glx_window"))
+        windows = {way(handle) for way in ways if way is not None} - {0, None}
 
-    library = ctypes.CDLL(name)
-    lost = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(lambda _: _gone("the display went away"))
-    handler = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(failed)
-    library.XSetIOErrorHandler(lost)
-    library.XSetErrorHandler(handler)
-    _kept.extend([lost, handler])
+        def failed(where: int, event: int) -> int:
+            if where != here:
+                return int(self.before(where, event)) if self.before else 0
+            number = ctypes.string_at(event, CODE + 1)[CODE]
+            # nearly always BadWindow (3) or BadDrawable (9)
+            if ctypes.c_ulong.from_address(event + RESOURCE).value in windows:
+                self.message = self.message or f"the window went away (X error {number})"
+            return 0
+
+        def broken(where: int) -> int:
+            if where != here:
+                return int(self.before_end(where)) if self.before_end else 0
+            self.message = "the display went away"
+            return 0
+
+        # kept while C calls them; the last one stands for Xlib's own, which ends the process
+        self.callbacks = HANDLER(failed), ENDED(broken), EXIT(lambda *_: None)
+        self.library.XSetErrorHandler.restype, self.library.XSetIOErrorHandler.restype = HANDLER, ENDED
+        self.before = self.library.XSetErrorHandler(self.callbacks[0])
+        self.before_end = self.library.XSetIOErrorHandler(self.callbacks[1])
+        self.library.XSetIOErrorExitHandler(ctypes.c_void_p(here), self.callbacks[2], None)
+
+    def check(self) -> None:
+        """Raises BackendError if the window or its display is gone, once: what is closed then has no window."""
+        if self.message and not self.is_raised:
+            self.is_raised = True
+            raise BackendError(self.message)
+
+    def close(self) -> None:
+        """Hands the errors back to the handlers before; those of a window that is gone may still come."""
+        if self.library is not None and not self.message:
+            self.library.XSync(ctypes.c_void_p(self.display), 0)
+            self.library.XSetErrorHandler(self.before)
+            self.library.XSetIOErrorHandler(self.before_end)
+            self.library = None
 
 
-# keeps callbacks used by C from being garbage-collected
-_kept: list[Any] = []
-
-
-def _gone(message: str) -> int:
-    os.write(2, f"splatgl: {message}\n".encode())
-    os._exit(GONE)
+# Xlib's handlers of errors, of the end of a display, and of the exit after it
+HANDLER = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+ENDED = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
+EXIT = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)

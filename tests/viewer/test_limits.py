@@ -296,7 +296,7 @@ def test_memory_below_what_is_kept_goes_back() -> None:
     small = [np.ones(2**13) for _ in range(3000)]
     kept, most = small[-50:], resident_mebibytes()
     del small
-    sweep = IdleTrim(0.0)
+    sweep = IdleTrim(0.0, owns_process=True)
     sweep.look(object(), True, 1.0)
     assert gc.get_freeze_count() > 10_000
     sweep.close()

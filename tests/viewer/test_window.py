@@ -822,7 +822,7 @@ def test_a_display_that_goes_away(folder: Path) -> None:
     server.terminate()
     server.wait(PATIENCE)
     _, error = process.communicate(timeout=PATIENCE)
-    assert error == "splatgl: the display went away\n" and process.returncode == 2
+    assert error == "splatgl: window: the display went away\n" and process.returncode == 2
 
 
 @pytest.mark.long
@@ -832,8 +832,36 @@ def test_a_window_that_goes_away(display: str, folder: Path) -> None:
     environment = {**os.environ, "DISPLAY": display}
     subprocess.run(["xdotool", "windowclose", shown(environment, process.pid)], env=environment, check=True)
     _, error = process.communicate(timeout=PATIENCE)
-    assert error.startswith("splatgl: the window went away (X error ") and len(error.splitlines()) == 1
+    assert error.startswith("splatgl: window: the window went away (X error ") and len(error.splitlines()) == 1
     assert process.returncode == 2
+
+
+SHOWN = """
+import atexit, gc, os, signal
+import splatgl as sg
+before = signal.getsignal(signal.SIGTERM), gc.get_freeze_count()
+atexit.register(lambda: print("at exit", flush=True))
+try:
+    sg.show(SOURCE)
+except sg.InputError as error:
+    print(error, flush=True)
+finally:
+    print(before == (signal.getsignal(signal.SIGTERM), gc.get_freeze_count()), flush=True)
+"""
+
+
+@pytest.mark.long
+def test_a_window_of_a_program_leaves_its_process_alone(folder: Path) -> None:
+    """A display that goes away raises; the program goes on and ends as it says."""
+    server, name = start_display()
+    environment = {**os.environ, "DISPLAY": name}
+    text = SHOWN.replace("SOURCE", repr(str(folder / "blob.npy")))
+    process = subprocess.Popen([sys.executable, "-c", text], env=environment, stdout=subprocess.PIPE, text=True)
+    shown(environment, process.pid, "refined")
+    server.terminate()
+    server.wait(PATIENCE)
+    told, _ = process.communicate(timeout=PATIENCE)
+    assert told.splitlines() == ["window: the display went away", "True", "at exit"] and process.returncode == 0
 
 
 @pytest.mark.long
