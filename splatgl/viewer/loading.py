@@ -191,7 +191,7 @@ class Added:
 
 @dataclass(frozen=True, eq=False)
 class Left:
-    """What the window showed before another file was opened, which undo shows again. files: as of `Files.shown`."""
+    """The document and its edits before another file was opened, which undo restores. files: as of `Files.shown`."""
 
     document: Document
     state: State
@@ -232,7 +232,7 @@ class Files:
 
     @property
     def shown(self) -> tuple[Any, ...]:
-        """What belongs to the file that is shown: its time points, the visible one, and how it is read again."""
+        """Time points of the open file, the visible one, and how the file is read again."""
         return self.times, self.time, self.reopen, self.watch
 
     def show_again(self, shown: tuple[Any, ...]) -> None:

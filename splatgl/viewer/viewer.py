@@ -270,7 +270,7 @@ class Viewer(LiveView):
         self.touch()
 
     def _leave(self) -> Left:
-        """What is shown, to come back to."""
+        """The document and its edits, for undo after another file was opened."""
         self.history.note(self.state)
         state = replace(self.state, pinned=None, preview=None)
         return Left(self.document.coarse(), state, self.history, self.home, self.bases, self.files.shown)
