@@ -18,8 +18,8 @@ Found = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """Values that blends of one value show along rays: of the layer whose value is the most opaque. layer [P]: its place in
-    the list of layers; value, depth [P]: NaN where all is transparent.
+    """Values that blends of one value show along rays: of the layer whose value is the most opaque. layer [P]: its
+    position in the list of layers; value, depth [P]: NaN where all is transparent.
     """
 
     layer: np.ndarray
