@@ -172,10 +172,11 @@ def texts(tree: ast.Module) -> Iterator[str]:
 
 @pytest.mark.long
 def test_every_function_has_a_twin() -> None:
-    """A Python function or method of its name, or of OTHER_NAMES, and a test that runs it."""
+    """A Python function or method of its name, or of OTHER_NAMES, also of tests, and a test that runs it."""
     root = Path(__file__).parents[2]
     tests = [ast.parse(path.read_text(encoding="utf-8")) for path in sorted(root.glob("tests/*/*twins*.py"))]
-    files = [ast.parse(path.read_text(encoding="utf-8")) for path in (root / "splatgl").rglob("*.py")]
+    paths = [*(root / "splatgl").rglob("*.py"), *(root / "tests" / "helpers").glob("*.py")]
+    files = [ast.parse(path.read_text(encoding="utf-8")) for path in paths]
     nodes = [node for tree in tests + files for node in ast.walk(tree)]
     named = {node.name.lstrip("_") for node in nodes if isinstance(node, ast.FunctionDef)}
     run = {name for tree in tests for text in texts(tree) for name in CALL.findall(text)}
