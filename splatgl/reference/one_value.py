@@ -59,6 +59,9 @@ def _extreme(layer: LayerRays, sign: float) -> Found:
         # the value of the voxel that the ray enters there
         at = (ends + np.concatenate([ends[1:], ends[-1:]])) / 2 if layer.layer.is_boxes else ends
         values = np.nan_to_num(layer.values(at, rays) * sign, nan=-np.inf)
+        if layer.layer.is_boxes:
+            # a plane between voxels belongs to neither
+            values[at == ends] = -np.inf
         place = values.argmax(axis=0), np.arange(len(rays))
         better = values[place] > best.value[rays]
         best.value[rays[better]], depth[rays[better]] = values[place][better], ends[place][better]

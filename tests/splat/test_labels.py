@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -119,16 +120,18 @@ def test_bad_labels_are_told(labels: Any) -> None:
 
 @pytest.mark.long
 def test_labels_of_the_command_line(renderer: sg.Renderer, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Over a volume, and by themselves; which are shown."""
+    """Over a volume whose opacities are stated, and by themselves; which are shown."""
     ball, volume = sg.scenes.ball(12), segments()
     np.save(tmp_path / "ball.npy", ball.samples)
     np.save(tmp_path / "seg.npy", volume.samples)
     out = tmp_path / "a.npy"
     line = ["render", str(tmp_path / "ball.npy"), "--size", "30", "-o", str(out), "--quiet"]
-    assert main([*line, "--labels", str(tmp_path / "seg.npy"), "--only-labels", "2,7:0.5"]) == 0
+    look = ["--points", "0.5:0,1:0.4"]
+    assert main([*line, *look, "--labels", str(tmp_path / "seg.npy"), "--only-labels", "2,7:0.5"]) == 0
     labels = sg.load(tmp_path / "seg.npy")
     ball = sg.load(tmp_path / "ball.npy")
-    scene = sg.Scene([ball, sg.Layer(labels, label_transfer(labels, [(2, 1.0), (7, 0.5)]))])
+    seen = sg.Layer(ball, replace(sg.default_transfer(ball), points=[(0.5, 0.0), (1.0, 0.4)]))
+    scene = sg.Scene([seen, sg.Layer(labels, label_transfer(labels, [(2, 1.0), (7, 0.5)]))])
     camera = ViewOptions(size=(30, 30)).camera(ball, scene)
     assert np.array_equal(np.load(out), renderer.render(scene, camera).pixels)
     alone = ["render", str(tmp_path / "seg.npy"), "--size", "30", "-o", str(out), "--quiet"]
