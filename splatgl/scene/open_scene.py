@@ -28,8 +28,8 @@ from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.splat.camera import Bounded, Camera
-    from splatgl.splat.clipping import Part, Plane
+    from splatgl.splat.camera import Bounded, Camera, Part
+    from splatgl.splat.clipping import Plane
     from splatgl.splat.scene import Layer, Scene
     from splatgl.splat.splats import Splats
 
@@ -219,7 +219,7 @@ def cut_scene(file: SceneFile, volume: Volume) -> tuple[SceneFile, Volume]:
     Scissors without a camera take the view of the whole. The view is fitted to the crop, or to a box with numbers.
     """
     if file.scissors:
-        from splatgl.splat.clipping import Part
+        from splatgl.splat.camera import Part
 
         whole = OpenScene.of(replace(file, scissors=()), volume)
         camera = whole.camera
@@ -281,7 +281,7 @@ def extraction_bar(parts: Iterator[Any], count: int) -> Iterator[Any]:
 
 def annotated_part(volume: Volume) -> Part:
     """The part that a view is fitted to which shows a volume's box and its numbers."""
-    from splatgl.splat.clipping import Part
+    from splatgl.splat.camera import Part
 
     return Part(volume.center + (volume.corners - volume.center) * ROOM, volume.frame)
 

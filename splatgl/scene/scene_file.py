@@ -573,7 +573,8 @@ class SceneFile:
             return self
         if self.crop and volume.points is not None:
             raise expected("crop", "voxels along x, y and z", f"{len(volume.points):,} points", "cut them with clip")
-        from splatgl.splat.clipping import Box, Part, clip_corners, crop_planes, parse_planes
+        from splatgl.splat.camera import Part
+        from splatgl.splat.clipping import Box, clip_corners, crop_planes, parse_planes
 
         sides = crop_planes(self.crop, volume) if self.crop else ()
         planes = parse_planes(self.clip or (), Box.of([volume]))

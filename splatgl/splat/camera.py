@@ -14,6 +14,7 @@ import numpy as np
 import pyrr
 
 from splatgl.errors import expected
+from splatgl.splat.grid import corners_of
 
 # |sin| of the smallest angle between `up` and the view that defines a horizon
 UP_TOLERANCE = 1e-9
@@ -49,6 +50,19 @@ class Bounded(Protocol):
     def outline(self) -> np.ndarray:
         """Points [N, 3] whose convex hull contains the object, world units."""
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Points [N, 3] to which a view is fitted, world units, and their anatomical frame."""
+
+    outline: np.ndarray
+    frame: str | None = None
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Corners [8, 3] of the box around them."""
+        return corners_of(self.outline.min(axis=0), self.outline.max(axis=0))
 
 
 @dataclass(frozen=True, eq=False)

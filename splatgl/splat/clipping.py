@@ -154,19 +154,6 @@ class Box:
         return bool((self.low <= other.high).all() and (other.low <= self.high).all())
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """Points [N, 3] to which a view is fitted, world units, and their anatomical frame."""
-
-    outline: np.ndarray
-    frame: str | None = None
-
-    @property
-    def corners(self) -> np.ndarray:
-        """Corners [8, 3] of the box around them."""
-        return corners_of(self.outline.min(axis=0), self.outline.max(axis=0))
-
-
 def parse_planes(cuts: str | Sequence[Any], box: Box) -> tuple[Plane, ...]:
     """Parses plane conditions, or rows of four numbers. Raises InputError for anything else, and if the planes clip the
     whole box.
