@@ -126,6 +126,7 @@ class PictureKeywords(PictureSettingsKeywords, PictureLoadKeywords, total=False)
     height: float | None
     dpi: float | None
     width: str | None
+    fit: Literal["all", "visible", "0.3"]
     preset: str
     curve: str
     colors: str

@@ -32,7 +32,6 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.bricks import Bricks, bricks_of, excess_need, required_bricks
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.motion import Motion, flow_of
-from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.ordering import order_for
 from splatgl.splat.resolve import has_streaks
 from splatgl.splat.scene import Scene, moments_per_frame
@@ -185,7 +184,7 @@ class Animation:
         only = None if bands or (series and scene.is_single) else _matter(scene, timeline.flow)
         if len(scenes) == 1:
             check_time(names)
-        subject = part or _visible_part(scene, bands, only)
+        subject = part or (scene.volume if series and scene.is_single else scene.fitted)
         track, count = _track(scene, subject, timeline, series)
         first, last = timeline.only or (0, count - 1)
         if last >= count:
@@ -306,16 +305,6 @@ def _matter(scene: OpenScene, flow: float | None) -> Matter:
     return Matter(scene.subject, scene.settings.clip)
 
 
-def _visible_part(scene: OpenScene, bands: int, only: Matter | None) -> Bounded:
-    """The part that the camera is fitted to: the visible part of one volume, or whole volumes of a series."""
-    if only is None and not bands:
-        return scene.volume
-    if only is None or (isinstance(only.subject, Splats) and only.subject.post is not None):
-        return Opaque(scene.volume, scene.transfer)
-    assert not isinstance(only.subject, Bricks)
-    return only.subject
-
-
 def _track(scene: OpenScene, subject: Bounded, timeline: Timeline, series: int) -> tuple[Track, int]:
     """The camera track, and the number of frames. series: number of volumes, if there are several."""
     view, volume = scene.file.view, scene.volume
@@ -328,7 +317,7 @@ def _track(scene: OpenScene, subject: Bounded, timeline: Timeline, series: int) 
     axis = None if timeline.axis is None else np.array(timeline.axis)
     turns = turning(view, volume, subject, timeline.degrees(count, series > 1), axis)
     if not scene.is_quiet:
-        still = view.camera(volume, Opaque(volume, scene.transfer) if series and scene.is_single else subject)
+        still = view.camera(volume, scene.fitted if series else subject)
         _tell_size(turns.camera(0), still, subject, series > 1)
     return turns, count
 

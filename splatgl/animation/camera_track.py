@@ -33,9 +33,11 @@ from splatgl.splat.motion import Motion
 
 EASES, PATHS = ("smooth", "linear"), ("straight", "orbit")
 # camera keys that are not interpolated
-FIXED = ("size", "orthographic")
+FIXED = ("size", "orthographic", "view", "width", "fit")
 # keys interpolated geometrically
 RATIOS = ("zoom", "height", "distance")
+# keys that turn a camera which is fitted to its subject
+TURNING = ("azimuth", "elevation", "up")
 # keys that an orbit joins
 ORBIT = ("eye", "look_at", "up")
 # slices along the axis, and points around it, that approximate the swept volume
@@ -114,6 +116,7 @@ def turning(
     length = float(np.linalg.norm(up))
     if not 0 < length < np.inf:
         raise expected("axis", "a direction", up.tolist())
+    subject = view.framed(volume, subject)
     swept = Swept.of(subject, up / length) if degrees else subject
     center = (subject.corners.min(axis=0) + subject.corners.max(axis=0)) / 2
     return Turning(view.camera(volume, swept), Motion(spin=up / length * degrees, center=center))
@@ -145,10 +148,10 @@ def keyframes(source: str | Mapping[str, Any], view: ViewOptions, volume: Volume
         raise expected(path, "keyframes that say where the camera is", "none")
     keys = {n: (np.array([f for f, _ in p], float), np.array([v for _, v in p])) for n, p in places.items()}
     keys = _joined(path, keys) if shape == "orbit" else keys
-    up = np.array(view.upward(volume.hints), dtype=np.float64)
-    turns = any(np.ptp(keys[name][1]) > 0 for name in ("azimuth", "elevation") if name in keys)
-    fitted = Swept.of(subject, up / np.linalg.norm(up)) if turns else subject
-    track = Keyframes(keys, ease == "smooth", view, volume, fitted)
+    up, subject = np.array(view.upward(volume.hints), dtype=np.float64), view.framed(volume, subject)
+    if any(np.ptp(keys[name][1], axis=0).any() for name in TURNING if name in keys):
+        subject = Swept.of(subject, up / np.linalg.norm(up))
+    track = Keyframes(keys, ease == "smooth", view, volume, subject)
     _check(path, track)
     return track
 

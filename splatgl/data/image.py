@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,6 +32,9 @@ from splatgl.data.image_files import (
 )
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_file, require_memory, write_file
+
+if TYPE_CHECKING:
+    from splatgl.splat.camera import Camera
 
 # endings of the files that `Image.save` writes
 SAVED = (".png", ".npy", *JPEG, *TIFF, *EXR, *VECTOR)
@@ -66,6 +69,19 @@ class Image:
         """The image with further notes before its own, each once."""
         joined = tuple(dict.fromkeys((*notes, *self.notes)))
         return replace(self, info={**self.info, "notes": joined}) if joined else self
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that the picture was drawn by. Raises InputError for other pictures."""
+        from splatgl.splat.camera import Camera
+
+        info: Any = self.info
+        if "extent" not in info:
+            raise expected("image", "one drawn by splatgl, which states its camera", "another one")
+        axes = np.array([info[name] for name in ("right", "down", "forward")])
+        return Camera(
+            np.array(info["eye"]), axes, tuple(info["size"]), info["extent"], info["projection"] == "perspective"
+        )
 
     def save(self, path: str | Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> None:
         """Writes .png (sRGB, straight alpha, 8 or 16 bits), .jpg (sRGB), .npy, .tif or .exr (the pixels), atomically.

@@ -222,6 +222,8 @@ def _transfer(transfer: Any) -> dict[str, Any]:
     return dict(transfer or {})
 
 
+# arguments of `render` beside its options
+ARGUMENTS = ("transfer", "camera", "settings")
 # options of the view of a scene of layers
 ORBIT = ("azimuth", "elevation", "fov", "size", "zoom", "up")
 
@@ -283,3 +285,13 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
     from splatgl.integrations.vtk.overlays import finish
 
     return finish(image, x, base.background)
+
+
+def camera_of(x: Any, options: Mapping[str, Any]) -> Camera:
+    """Returns the camera of `render`, with its arguments by their names; draws nothing."""
+    transfer, camera, settings = (options.get(name) for name in ARGUMENTS)
+    rest = {name: value for name, value in options.items() if name not in ARGUMENTS}
+    if is_scene(x):
+        return view_of(x, camera, settings, rest)[1]
+    file, _ = scene_of(x, transfer, camera, settings, rest)
+    return file.view.camera(x, x) if is_splats(x) else OpenScene.read(file).camera

@@ -22,6 +22,7 @@ from splatgl.readers.channels import TIME_HINT
 from splatgl.scene.meshes import is_mesh, surfaces_of
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import AMOUNT_KEYS, CHANNEL_KEYS, COLOR_KEYS, with_window
+from splatgl.scene.view import FIT_OF_0_3
 from splatgl.splat.scissors import cut_volume
 from splatgl.splat.segment_surfaces import is_segmentation
 from splatgl.splat.settings import BLENDS, Settings
@@ -125,7 +126,7 @@ class OpenScene:
 
     @cached_property
     def camera(self) -> Camera:
-        """The camera of the picture; a view without an eye is fitted to what is visible."""
+        """The camera of the picture; a view without an eye is fitted as its `fit` says."""
         if self.fixed_camera is not None:
             return self.fixed_camera
         return self.file.view.camera(self.volume, self.fitted)
@@ -143,8 +144,8 @@ class OpenScene:
         if self.file.view.is_fixed(volume):
             return volume
         why = why_only_pre(volume, self.transfer, self.file.threshold) or why_per_splat(settings, moving=False)
+        is_pre = (settings.classification == "pre" or why is not None) and self.file.view.fit == FIT_OF_0_3
         # of several levels, one is chosen by the camera
-        is_pre = settings.classification == "pre" or why is not None
         if is_pre and not volume.coarser and len(self.splats):
             return self.splats
         return Opaque(volume, self.transfer)

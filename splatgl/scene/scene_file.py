@@ -84,7 +84,7 @@ from splatgl.scene.transfer_choice import (
     transfer_notes,
     with_window,
 )
-from splatgl.scene.view import ViewOptions, orient_stack
+from splatgl.scene.view import FIT_OF_0_3, ViewOptions, orient_stack
 from splatgl.splat.colormaps import base_name, labels_of
 from splatgl.splat.label_detection import MASK, as_segmentation, mark_kind
 from splatgl.splat.presets import (
@@ -372,6 +372,7 @@ class SceneFile:
             refuse_volume_options(self.volume, of_first + [name for name in of_all if name != "clip" or not is_clipped])
         base = Settings.paper() if options.get("paper") else self.settings
         base = Settings.like(options["like"], **base.given) if options.get("like") else base
+        fit = {"fit": FIT_OF_0_3} if options.get("like") and options.get("fit") is None else {}
         settings = {name: options[name] for name in names_of(Settings) if name in options}
         return replace(
             self.with_transfer(transfer),
@@ -379,7 +380,7 @@ class SceneFile:
             layers=layers,
             meshes=meshes,
             load=reading,
-            view=self.view.changed(**{name: options[name] for name in names_of(ViewOptions) if name in options}),
+            view=self.view.changed(**fit, **{name: options[name] for name in names_of(ViewOptions) if name in options}),
             vectors=replace(self.vectors, **{VECTORS[name]: options[name] for name in VECTORS if name in options}),
             settings=replace(base, **settings),
         )

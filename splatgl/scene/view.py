@@ -57,6 +57,8 @@ def is_flat_stack(volume: Volume) -> bool:
     return volume.hints.stack or depth == 0 or volume.unit in UNITS or is_microscopy(volume)
 
 
+# what a view is fitted to: the boxes of volumes, what is visible of them, and that as up to version 0.3
+FIT_ALL, FIT_VISIBLE, FIT_OF_0_3 = FITS = ("all", "visible", "0.3")
 # degrees
 AZIMUTH, ELEVATION, ELEVATION_FLAT, FOV = 30.0, 20.0, 60.0, 40.0
 # azimuth and elevation of the standard views in degrees: the front is a scene's azimuth 0. A patient's right is that of
@@ -107,7 +109,7 @@ class ViewOptions:
     """Camera parameters; None: from the hints, anatomy or shape of the volume.
 
     A width on paper sets the dots per inch, if they are not given, and the pixels, of which the size is then the shape.
-    part: the view is fitted to it, instead of the visible part of the volume. fixed: camera that replaces all
+    part: the view is fitted to it, instead of the subject. fixed: camera that replaces all
     parameters but the size.
     """
 
@@ -147,6 +149,12 @@ class ViewOptions:
         Kind("a length such as 85mm, 8.5cm, 3.3in or 240pt", _paper_width, _paper_width, "LENGTH", hint="str"),
         "width on paper, such as 85mm, that with --dpi gives the pixels. --size gives the shape",
     )
+    fit: str = _option(
+        FIT_ALL,
+        Kind.choice(FITS),
+        "what the picture shows in full. all: the boxes of volumes, and meshes; visible: what the transfer function "
+        "shows, but for lone voxels; 0.3: all that it shows, off the centre, as version 0.3 did",
+    )
     part: Bounded | None = field(default=None, compare=False)
     fixed: Camera | None = None
 
@@ -183,7 +191,7 @@ class ViewOptions:
         return replace(self, part=part) if self.part is None and self.fixed is None else self
 
     def orbit(self, volume: Volume | Splats) -> tuple[float, float] | None:
-        """Azimuth and elevation around the centre of the visible part; None for a view from an eye."""
+        """Azimuth and elevation around the centre of the subject; None for a view from an eye."""
         hints = volume.hints if isinstance(volume, Volume) else Hints()
         orbits = any(x is not None for x in (self.view, self.azimuth, self.elevation, self.zoom))
         if self.eye is not None or (hints.eye is not None and not orbits):
@@ -194,8 +202,8 @@ class ViewOptions:
         return _first(self.azimuth, hints.azimuth, azimuth), _first(self.elevation, hints.elevation, elevation)
 
     def is_fixed(self, volume: Volume) -> bool:
-        """Whether the camera does not depend on the visible part of the volume."""
-        if self.part is not None or self.fixed is not None:
+        """Whether the camera of one volume does not depend on what is visible of it."""
+        if self.part is not None or self.fixed is not None or self.fit == FIT_ALL:
             return True
         return self.orbit(volume) is None and (self.height is not None or not self.is_parallel(volume))
 
@@ -213,27 +221,27 @@ class ViewOptions:
         """Up in slices across x and z; rows of a microscope's planes go down."""
         return ROWS_UP if hints.stack and self.up is None and hints.up == PLANES_UP else self.upward(hints)
 
-    def orbit_camera(self, subject: Bounded, orbit: tuple[float, float], hints: Hints, fov: float) -> Camera:
-        """The camera at an azimuth and an elevation around the subject, at which azimuth 0 has x to the right."""
+    def orbit_camera(
+        self, subject: Bounded, orbit: tuple[float, float], hints: Hints, fov: float, is_parallel: bool
+    ) -> Camera:
+        """The camera at an azimuth and an elevation around the subject, at which azimuth 0 has x to the right.
+
+        is_parallel: whether rays will be parallel, which see both sides of the centre alike.
+        """
         from splatgl.splat.camera import Camera
 
         up = self.upward(hints)
         turn = 180.0 if up == PLANES_UP and hints.stack and self.up is None else 0.0
-        return Camera.orbit(subject, orbit[0] + turn, orbit[1], fov, self.size, _first(self.zoom, 1.0), up)
+        looks = ((orbit[0] + turn, orbit[1]), fov, self.size, _first(self.zoom, 1.0), up)
+        return Camera.around(subject, *looks, centred=self.fit != FIT_OF_0_3 and not is_parallel)
 
     def camera(self, volume: Volume | Splats, subject: Bounded) -> Camera:
-        """The camera; an orbit is fitted to the visible part of `subject`. volume: has hints, or is splats without."""
+        """The camera; an orbit is fitted to `subject` as `fit` says. volume: has hints, or is splats without."""
         if self.fixed is not None:
             return self.fixed.resized(self.size)
         from splatgl.splat.camera import Camera
-        from splatgl.splat.opaque_bounds import Opaque
-        from splatgl.splat.splats import Splats
 
-        if self.part is not None:
-            subject = self.part
-        elif isinstance(subject, Splats) and subject.post is not None:
-            known = volume if isinstance(volume, Volume) else subject.source and subject.source.volume
-            subject = Opaque(known, subject.post.transfer) if known else subject
+        subject = self.framed(volume, subject)
         hints = volume.hints if isinstance(volume, Volume) else Hints()
         fov = _first(self.fov, hints.fov, FOV)
         orbit = self.orbit(volume)
@@ -244,8 +252,22 @@ class ViewOptions:
         else:
             if self.look_at is not None:
                 raise expected("look_at", "an eye that looks there", "none", "give --eye too")
-            camera = self.orbit_camera(subject, orbit, hints, fov)
+            camera = self.orbit_camera(subject, orbit, hints, fov, self.is_parallel(volume))
         return camera.parallel(subject, self.height) if self.is_parallel(volume) else camera
+
+    def framed(self, volume: Volume | Splats, subject: Bounded) -> Bounded:
+        """The part of a subject that the view is fitted to."""
+        from splatgl.splat.opaque_bounds import Opaque
+        from splatgl.splat.splats import Splats
+
+        if self.part is not None:
+            return self.part
+        if self.fit == FIT_ALL:
+            return getattr(subject, "full_extent", subject)
+        if isinstance(subject, Splats) and subject.post is not None:
+            known = volume if isinstance(volume, Volume) else subject.source and subject.source.volume
+            subject = Opaque(known, subject.post.transfer) if known else subject
+        return getattr(subject, "robust", subject) if self.fit == FIT_VISIBLE else subject
 
 
 def _default_orbit(volume: Volume | Splats) -> tuple[float, float]:

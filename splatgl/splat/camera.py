@@ -20,6 +20,8 @@ from splatgl.splat.grid import corners_of
 UP_TOLERANCE = 1e-9
 # size of the default picture over the object's bounding sphere
 FIT_MARGIN = 1.05
+# rounds in which the outermost points of a view are found
+ROUNDS = 16
 # degrees: larger angles lose all digits to whole turns; a narrower field needs an eye further than FAR
 MOST_TURN, LEAST_FOV = 1e12, 1e-9
 # limits of zoom: beyond them the eye is at the subject's centre, or further away than FAR
@@ -38,7 +40,8 @@ Vector: TypeAlias = Sequence[float] | np.ndarray
 class Bounded(Protocol):
     """Anything with an extent: volumes and splats.
 
-    It may have a `frame`, "LPS" or "RAS", which says where the patient's front is.
+    It may have a `frame`, "LPS" or "RAS", which says where the patient's front is, and a `full_extent`, which default
+    views are fitted to instead: the box of the volume of which it is the visible part.
     """
 
     @property
@@ -116,13 +119,38 @@ class Camera:
         zoom: float = 1.0,
         up: Vector = (0.0, 0.0, 1.0),
     ) -> Camera:
-        """Perspective view that shows the whole `subject`.
+        """Perspective view that shows the whole `subject`, with equal margins: of a volume and its splats the volume's
+        box, of a scene all boxes and meshes, whatever is visible of them.
 
         At (0, 0) it looks along +y with +z up, and at a patient in LPS or RAS from the front. azimuth turns the eye
         counter-clockwise seen from +z, elevation lifts it (degrees). Another `up` applies the shortest rotation from
         +z. Raises InputError as `look_at`, for a zoom outside [1e−15, 1e15], and for angles beyond 1e12 degrees.
         """
-        half = _half_width(fov)
+        subject = getattr(subject, "full_extent", subject)
+        return cls.around(subject, (azimuth, elevation), fov, size, zoom, up)
+
+    @classmethod
+    def default(cls, x: Any, **options: Any) -> Camera:
+        """The camera of `sg.render(x, **options)`. Raises InputError as `sg.render`."""
+        from splatgl.scene.api import camera_of
+
+        return camera_of(x, options)
+
+    @classmethod
+    def around(
+        cls,
+        subject: Bounded,
+        orbit: tuple[float, float],
+        fov: float,
+        size: tuple[int, int],
+        zoom: float,
+        up: Vector,
+        centred: bool = True,
+    ) -> Camera:
+        """As `orbit`, at azimuth and elevation, fitted to the outline of `subject` itself. centred: whether opposite
+        margins are equal; else the centre of its box is in the middle.
+        """
+        half, (azimuth, elevation) = _half_width(fov), orbit
         if not ZOOMS[0] <= zoom <= ZOOMS[1]:
             raise expected("zoom", f"a positive number from {ZOOMS[0]:g} to {ZOOMS[1]:g}", zoom)
         for what, angle in (("azimuth", azimuth), ("elevation", elevation)):
@@ -133,7 +161,9 @@ class Camera:
         back, top = _orbit_axes(azimuth + front, elevation, up)
         corners = subject.corners
         center = (corners.min(axis=0) + corners.max(axis=0)) / 2
-        distance = _fit_distance(subject.outline - center, back, top, half, _size(size))
+        axes = np.stack([np.cross(top, back), -top, -back])
+        distance, offset = _fit((subject.outline - center) @ axes.T, half, _size(size), centred)
+        center = center + offset @ axes
         return cls.look_at(center + back * distance / zoom, center, top, fov, size)
 
     @classmethod
@@ -164,6 +194,18 @@ class Camera:
             raise expected("height", "a camera in front of the volume's centre", "one behind it", "give a height")
         extent = _height(self.extent * middle if height is None else height)
         return Camera(self.eye, self.eye_from_world, self.size, extent, perspective=False)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both see the same, number by number."""
+        return self._key == other._key if isinstance(other, Camera) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[object, ...]:
+        numbers = (*self.eye.tolist(), *self.eye_from_world.ravel().tolist())
+        return numbers, tuple(self.size), self.extent, self.perspective
 
     def __repr__(self) -> str:
         """Size, position, direction and field of view in one line."""
@@ -305,8 +347,26 @@ def cross_matrix(v: Sequence[float] | np.ndarray) -> np.ndarray:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
-def _fit_distance(local: np.ndarray, back: np.ndarray, up: np.ndarray, half: float, size: tuple[int, int]) -> float:
-    """Distance from eye to centre that shows all points (relative to it): slope = lateral / (distance − depth)."""
-    widest = np.array([half * size[0] / size[1], half])
-    lateral = np.abs(np.stack([local @ np.cross(back, up), local @ up], axis=1)) / widest
-    return float((lateral.max(axis=1) + local @ back).max()) * FIT_MARGIN
+def _fit(points: np.ndarray, half: float, size: tuple[int, int], centred: bool) -> tuple[float, np.ndarray]:
+    """Distance from the eye to the centre, and the place [3] across the view that both move to, at which all points
+    [N, 3] are visible, if centred with equal margins at opposite sides. points: eye axes (right, down, forward) from
+    the centre.
+    """
+    widest = half * np.array([size[0] / size[1], 1.0])
+    across, depth = points[:, :2], points[:, 2:]
+    if not centred:
+        return float(((np.abs(across) / widest).max(axis=1) - depth[:, 0]).max()) * FIT_MARGIN, np.zeros(3)
+    reach = np.stack([(across - widest * depth).max(axis=0), (-across - widest * depth).max(axis=0)])
+    distance = float((reach.sum(axis=0) / (2 * widest)).max()) * FIT_MARGIN
+    offset = np.zeros(2)
+    if not distance > 0:
+        return distance, np.zeros(3)
+    away = np.maximum(distance + depth[:, 0], np.finfo(float).tiny)
+    for axis in range(2):
+        # the slopes of both outermost points are opposite; others may be outermost then
+        for _ in range(ROUNDS):
+            slopes = (across[:, axis] - offset[axis]) / away
+            ends = np.array([slopes.argmin(), slopes.argmax()])
+            weights = 1 / away[ends]
+            offset[axis] = (across[ends, axis] @ weights) / weights.sum()
+    return distance, np.append(offset, 0.0)

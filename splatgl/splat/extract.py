@@ -145,7 +145,7 @@ def extract(
     if classification in ("auto", "pre"):
         splats = extract_pre(volume, transfer, threshold, _planes(volume, slab), progress)
         source = Source(volume, transfer, threshold, slab) if classification == "auto" else None
-        return replace(splats, frame=volume.frame, source=source)
+        return replace(splats, frame=volume.frame, source=source, box=volume.corners)
     if why:
         raise InputError(f"{volume.name or 'volume'}: only classification pre is possible, because of {why}")
     post = ValueClassifier.of(transfer, kernel, volume.shape[::-1], classification == "post-all")
@@ -174,7 +174,7 @@ def _extract_visible(
         _check_iso(volume, transfer, f"more than {MOST_KEPT:,} values")
         splats = extract_pre(volume, transfer, threshold, _planes(volume, slab), progress, hidden)
     source = Source(volume, transfer, threshold, slab, many)
-    return replace(splats, frame=volume.frame, source=source, hollow=reach if hidden else 0)
+    return replace(splats, frame=volume.frame, source=source, hollow=reach if hidden else 0, box=volume.corners)
 
 
 def _extract_values(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -20,16 +20,30 @@ SLAB_VOXELS = 1 << 22
 # maximum number of voxels examined for a view, and in images of several levels, which are not read at full resolution;
 # above it, the volume's box is used
 MOST, MOST_OF_LEVELS = 1 << 31, 1 << 28
+# others around a sample that make it part of an object: a line one voxel wide has two
+MOST_ALONE = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Opaque:
-    """Opaque part of a volume, as a subject of `Camera.orbit`; reads the volume on first use. Serves splats of values
-    too, whose transparent voxels would widen the view.
+    """Opaque part of a volume, as a subject of views; reads the volume on first use. Serves splats of values too, whose
+    transparent voxels would widen the view. is_robust: whether opaque samples count that have at least MOST_ALONE
+    others around them, if there are any.
     """
 
     volume: Volume
     transfer: Transfer
+    is_robust: bool = False
+
+    @property
+    def full_extent(self) -> Volume:
+        """The volume."""
+        return self.volume
+
+    @property
+    def robust(self) -> Opaque:
+        """The same without samples that are alone."""
+        return replace(self, is_robust=True)
 
     @property
     def frame(self) -> str | None:
@@ -62,10 +76,11 @@ class Opaque:
         if volume.samples.dtype.kind == "f":
             keeps = partial(_is_within, opaque_intervals(self.transfer))
         _, height, width = volume.shape
-        slabs = volume.slabs(max(1, SLAB_VOXELS // (height * width)), halo=int(bool(self.transfer.iso)))
+        halo = max(int(bool(self.transfer.iso)), 2 * self.is_robust)
+        slabs = volume.slabs(max(1, SLAB_VOXELS // (height * width)), halo=halo)
         ends = np.concatenate([_row_ends(slab, self._opaque(slab, keeps)) for slab in slabs])
         if not len(ends):
-            return None
+            return replace(self, is_robust=False)._ends if self.is_robust else None
         records = np.zeros(len(ends), record)
         records["position"] = ends
         grid = Grid.of(volume)
@@ -75,12 +90,14 @@ class Opaque:
         """bool: which samples of a slab, without its halo, are opaque or beside an iso-surface, and unmasked."""
         samples, volume = np.ascontiguousarray(slab.samples), self.volume
         inner = slice(slab.before, slab.before + slab.stop - slab.start)
-        opaque = keeps(samples[inner])
+        part = slice(None) if self.is_robust else inner
+        opaque = keeps(samples[part])
         for surface in self.transfer.iso:
-            opaque = opaque | _is_beside(surface.value, samples)[inner]
+            opaque = opaque | _is_beside(surface.value, samples)[part]
         if volume.masks:
-            opaque = opaque & volume.kept((slab.start, 0, 0), (slab.stop, *volume.shape[1:]))
-        return opaque
+            first = slab.start - (slab.before if self.is_robust else 0)
+            opaque = opaque & volume.kept((first, 0, 0), (first + len(opaque), *volume.shape[1:]))
+        return _without_lone(opaque)[inner] if self.is_robust else opaque
 
 
 def _is_within(intervals: np.ndarray, samples: np.ndarray) -> np.ndarray:
@@ -90,6 +107,16 @@ def _is_within(intervals: np.ndarray, samples: np.ndarray) -> np.ndarray:
     for low, high in np.clip(intervals, -most, most).tolist():
         inside |= (samples >= low) & (samples <= high)
     return inside
+
+
+def _without_lone(opaque: np.ndarray) -> np.ndarray:
+    """bool [D, H, W]: the samples with at least MOST_ALONE others among the 26 around them, or beside such a one."""
+    count = opaque.astype(np.uint8)
+    for axis in range(3):
+        padded = np.pad(count, [(int(axis == n), int(axis == n)) for n in range(3)])
+        parts = [padded.take(np.arange(n, n + count.shape[axis]), axis) for n in range(3)]
+        count = parts[0] + parts[1] + parts[2]
+    return np.asarray(opaque & dilate(opaque & (count > MOST_ALONE)))
 
 
 def _is_beside(value: float, samples: np.ndarray) -> np.ndarray:

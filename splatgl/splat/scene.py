@@ -20,7 +20,7 @@ from splatgl.data.mask import parse_mask
 from splatgl.data.mesh import OF_VOLUME, Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, error_prefix, expected
-from splatgl.splat.camera import Camera
+from splatgl.splat.camera import Camera, Part
 from splatgl.splat.clipping import Box, Plane, change_planes, parse_planes
 from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.motion import Motion, count_moments
@@ -357,6 +357,18 @@ class Scene:
     def _mesh_places(self) -> list[np.ndarray]:
         """Vertices of meshes before they are clipped, as planes do not move a view, and of slices."""
         return [mesh.vertices for mesh in (*(mesh for mesh, _ in self.whole), *self.sliced)]
+
+    @property
+    def full_extent(self) -> Part:
+        """The boxes of the volumes of visible layers, and the meshes, which default views are fitted to."""
+        boxes = (box.volume.corners for box in self._subjects)
+        return Part(np.concatenate([*boxes, *self._mesh_places]), self.frame)
+
+    @property
+    def robust(self) -> Part:
+        """The visible part, without samples that are alone."""
+        boxes = (box.robust.outline for box in self._subjects)
+        return Part(np.concatenate([*boxes, *self._mesh_places]), self.frame)
 
     @cached_property
     def _subjects(self) -> list[Opaque]:

@@ -126,6 +126,7 @@ LEAST_SHEETS, MOST_SHEETS, MOST_STEPS = 2, 4, 8
 LIKE: dict[str, dict[str, Any]] = {
     "0.1": {"classification": "pre", "compositing": "splats", "antialias": "paper"},
     "0.2": {"kernel": FREE, "motion": "moments"},
+    "0.3": {},
 }
 
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
 from splatgl.errors import expected
+from splatgl.splat.camera import Bounded, Part
 from splatgl.splat.grid import Grid, Lattice, columns, corners_of, index_rows, lattice_across
 from splatgl.splat.preintegration import ValueClassifier
 from splatgl.splat.regions import extinction_of
@@ -238,7 +239,8 @@ class Splats:
     pictures extract splats of the other classification; None for parts. mask: clips rays through values. frame: the
     volume's anatomical frame. labels: normals of labels, which are drawn as boxes; None for other splats.
     unmasked: number of missing samples that `mask` ignores: matter is up to a voxel wider there. hollow: cells of
-    hidden_interior.py that the kernels of pictures may reach, as hidden interiors are left out; 0: they are not.
+    hidden_interior.py that the kernels of pictures may reach, as hidden interiors are left out; 0: they are not. box:
+    corners [8, 3], world units, of the volume that they are of; None for points.
     """
 
     records: np.ndarray
@@ -258,6 +260,7 @@ class Splats:
     labels: LabelNormals | None = None
     unmasked: int = 0
     hollow: int = 0
+    box: np.ndarray | None = None
     notes: ClassVar[tuple[str, ...]] = ()
 
     def __len__(self) -> int:
@@ -358,6 +361,11 @@ class Splats:
         # both signs, since an end at the middle has no outward direction
         outwards = [ends + np.where(side(ends, middle), 0.5, -0.5) for side in (np.greater, np.greater_equal)]
         return np.asarray(np.concatenate(outwards) @ self.grid.world_from_index.T + self.grid.origin)
+
+    @property
+    def full_extent(self) -> Bounded:
+        """The box of their volume, which views are fitted to; the splats themselves for points."""
+        return self if self.box is None else Part(self.box, self.frame)
 
     def with_classifier(self, post: ValueClassifier) -> Splats:
         """The same records classified by `post`, whose low and span must be theirs."""

@@ -165,7 +165,8 @@ def _view(name: str) -> Run:
     def show(state: State, document: Document) -> State:
         frame, pose, hints = document.volume.frame, state.pose, document.volume.hints
         view = replace(document.scene.view.changed(view=name), size=pose.camera.size, width=None, zoom=None)
-        camera = view.orbit_camera(document.subject, angles(name, frame), hints, pose.fov)
+        subject, is_parallel = view.framed(document.volume, document.subject), not pose.camera.perspective
+        camera = view.orbit_camera(subject, angles(name, frame), hints, pose.fov, is_parallel)
         turned = replace(pose, camera=camera, pivot=document.middle)
         pose = turned if pose.camera.perspective else turned.switched()
         return replace(state, pose=pose, turning=False, message=name_of(name, document.volume))

@@ -225,7 +225,7 @@ class Display:
 
     def resize(self, size: tuple[int, int]) -> None:
         """Fits the view to a window of `size` in pixels; a minimised one keeps its last size. A view that nobody has
-        moved is fitted anew to what is visible, any other one keeps its height.
+        moved is fitted anew, any other one keeps its height.
         """
         if min(size) > 0:
             before, document = self.state.pose, self.document

@@ -358,7 +358,7 @@ class Document:
     @property
     def subject(self) -> Bounded:
         """The object that a default view is fitted to: visible layers and meshes, unclipped."""
-        return self.scene_at(1, ()) if self.is_layered else self.layers[0].subject
+        return self.scene_at(1, ()) if self.is_layered else self.layers[0].subject(self.scene.view.fit)
 
     def home(self, size: tuple[int, int]) -> Pose:
         """The scene's initial view, with its pivot in the middle of the scene."""
@@ -368,8 +368,8 @@ class Document:
 
     @property
     def middle(self) -> np.ndarray:
-        """Centre [3] of the bounding box of the visible scene, world coordinates."""
-        corners = self.subject.corners
+        """Centre [3] of the bounding box of what default views are fitted to, world coordinates."""
+        corners = self.scene.view.framed(self.volume, self.subject).corners
         return np.asarray((corners.min(axis=0) + corners.max(axis=0)) / 2)
 
     @cached_property

@@ -12,6 +12,7 @@ from splatgl.data.affine import World
 from splatgl.data.halving import halve_volume
 from splatgl.data.volume import Volume
 from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import FIT_OF_0_3
 from splatgl.splat.camera import Bounded
 from splatgl.splat.clipping import Plane, change_planes, check_planes
 from splatgl.splat.culling import visible_shell
@@ -131,10 +132,11 @@ class LayerSplats:
         few = [stride for stride in sorted(self.made) if len(self.made[stride]) <= FEW]
         return self.made[few[0]] if few else self.at(STRIDES[-1])
 
-    @property
-    def subject(self) -> Bounded:
-        """The object that the default view of the layer alone is fitted to."""
-        return self._opaque if self.is_post_classified else self.finest if len(self.finest) else self.volume
+    def subject(self, fit: str) -> Bounded:
+        """The object that the default view of the layer alone is fitted to, as `OpenScene.fitted`."""
+        if self.is_post_classified or fit != FIT_OF_0_3:
+            return self._opaque
+        return self.finest if len(self.finest) else self.volume
 
     @cached_property
     def _opaque(self) -> Opaque:

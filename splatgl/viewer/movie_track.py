@@ -152,7 +152,8 @@ class Preview:
     @classmethod
     def of(cls, state: State, document: Document) -> Preview:
         """The preview of the movie of a state. Raises InputError for a movie without frames, as `animate` does."""
-        movie, view, volume = state.movie, state.pose.view(), document.volume
+        movie, volume = state.movie, document.volume
+        view = replace(state.pose.view(), fit=document.scene.view.fit)
         movie.check()
         if movie.motion == "keyframes":
             table = {name: value for name, value in movie.table(document, 1).items() if name in TRACK}

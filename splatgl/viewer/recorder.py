@@ -41,7 +41,7 @@ def movie_scene(state: State, document: Document, times: Sequence[SceneFile]) ->
     movie.check()
     background = background_of(state) if state.ground != "checks" else state.settings.background
     view = movie.keyframes[0].view if movie.motion == "keyframes" else state.pose.view()
-    view = replace(view, size=movie.size or state.pose.camera.size)
+    view = replace(view, size=movie.size or state.pose.camera.size, fit=scene.view.fit)
     annotate, more, shown = scene.annotate, [], times[state.time : state.time + 1]
     if movie.series and len(times) > 1:
         annotate, shown = (*annotate, *["time"] * movie.stamped), times[:1]

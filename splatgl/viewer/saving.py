@@ -122,7 +122,8 @@ def scene_of(state: State, document: Document, on_paper: bool = True) -> SceneFi
         settings = settings.but(classification="pre")
     first_scene, *others = [_layer_scene(layer, style) for layer, style in _whole_layers(shown)]
     meshes = tuple(file for file in state.mesh_files if file != MeshFile(document.scene.volume))
-    view, given = state.pose.view(), document.scene.view
+    given = document.scene.view
+    view = replace(state.pose.view(), fit=given.fit)
     view = replace(view, dpi=given.dpi, width=given.width) if on_paper else view
     # a picture that is too small has no annotations
     annotate = state.annotate if min(view.size) >= LEAST_SIDE else ()

@@ -327,7 +327,7 @@ def test_defaults_of_an_earlier_version(tmp_path: Path, monkeypatch: pytest.Monk
     told = sg.Image.load("like.png").info
     assert (told["classification"], told["sheets"], told["antialias"]) == ("pre", 0, False)
     assert main(["render", "scene.toml", "--like", "0.0", "-o", "none.png"]) == 2 and not Path("none.png").exists()
-    with pytest.raises(sg.InputError, match=r"^like: expected a version that is known: 0\.1, 0\.2, got '1998'$"):
+    with pytest.raises(sg.InputError, match=r"^like: expected a version that is known: 0\.1, 0\.2, 0\.3, got '1998'$"):
         sg.Settings.like("1998")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import splatgl as sg
+from splatgl.splat.camera import Bounded
 from splatgl.splat.kernels import Gaussian, Kernel, PiecewiseCubic
 
 GRIDS = {
@@ -22,14 +23,19 @@ def noise(grid: str = "cubes", size: int = 12, opacity: float = 0.4, seed: int =
     )
 
 
+def close_up(subject: Bounded, azimuth: float, elevation: float, size: tuple[int, int]) -> sg.Camera:
+    """The view fitted to the splats themselves, or to a volume's box, whose middle is the picture's."""
+    return sg.Camera.around(subject, (azimuth, elevation), 40, size, 1.0, (0, 0, 1), centred=False)
+
+
 def views(splats: sg.Splats) -> dict[str, sg.Camera]:
     """Far beyond z_k, near, so near that many centres lie beyond the edges, and parallel."""
-    out = sg.Camera.orbit(splats, 30, 20, size=(48, 36))
+    out = close_up(splats, 30, 20, (48, 36))
     middle = splats.corners.mean(axis=0)
     span = float(np.linalg.norm(np.ptp(splats.corners, axis=0)))
     close = sg.Camera.look_at(middle - out.forward * span * 0.9, middle + span * 0.2, (0, 0, 1), 30, (40, 60))
     return {
-        "far": sg.Camera.orbit(splats, 30, 20, size=(9, 7)),
+        "far": close_up(splats, 30, 20, (9, 7)),
         "fitted": out,
         "close": close,
         "wide": sg.Camera.look_at(middle - out.forward * span * 0.8, middle, (0, 0, 1), 110, (50, 40)),

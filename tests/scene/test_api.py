@@ -45,7 +45,7 @@ def volume() -> sg.Volume:
         ),
         ("--preset microscopy --blend mip", {"transfer": "microscopy", "blend": "mip"}),
         ("--colormap viridis --window 20,180", {"colormap": "viridis", "window": (20, 180)}),
-        ("--like 0.1 --threshold 0.05", {"settings": sg.Settings.like("0.1"), "threshold": 0.05}),
+        ("--like 0.1 --threshold 0.05", {"settings": sg.Settings.like("0.1"), "threshold": 0.05, "fit": "0.3"}),
         ("--orthographic --height 40", {"orthographic": True, "height": 40}),
         ("--eye 90,80,70 --look-at 10,10,10", {"eye": (90, 80, 70), "look_at": np.array([10.0, 10, 10])}),
         ("--memory 64KiB", {"memory": "64KiB"}),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from splatgl.errors import InputError
 from splatgl.readers.dicom_suv import ANGIOGRAM, is_angiogram
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.presets import SOLID, default_transfer, preset, window_question
 
 
@@ -152,17 +154,45 @@ def test_one_fluorescent_plane_is_a_picture(tmp_path: Path) -> None:
         assert not scene.camera.perspective
 
 
-@pytest.mark.parametrize("blend", ["composite", "mip"])
-def test_the_view_fits_what_is_seen(blend: str) -> None:
-    """A small object in the corner of a large box is as large as in its own box."""
+def camera_of(samples: np.ndarray, blend: str = "composite", fit: str = "all", **look: Any) -> sg.Camera:
+    file = SceneFile("v", held=sg.Volume(samples), settings=sg.Settings(blend=blend), transfer=look)
+    return OpenScene.read(replace(file, view=ViewOptions(fit=fit))).camera
+
+
+def corner_block() -> np.ndarray:
     samples = np.zeros((48, 48, 48), np.float32)
     samples[2:12, 2:12, 2:12] = 100 + np.indices((10, 10, 10)).sum(axis=0)
-    scenes = [
-        OpenScene.read(SceneFile("v", held=sg.Volume(part), settings=sg.Settings(blend=blend)))
-        for part in (samples, samples[:14, :14, :14])
-    ]
-    far, near = (np.linalg.norm(scene.camera.eye - (6.5, 6.5, 6.5)) for scene in scenes)
+    return samples
+
+
+@pytest.mark.parametrize("blend", ["composite", "mip"])
+@pytest.mark.parametrize("fit", ["visible", "0.3"])
+def test_a_view_may_fit_what_is_seen(blend: str, fit: str) -> None:
+    """A small object in the corner of a large box is as large as in its own box."""
+    samples = corner_block()
+    far, near = (
+        np.linalg.norm(camera_of(part, blend, fit).eye - (6.5, 6.5, 6.5)) for part in (samples, samples[:14, :14, :14])
+    )
     assert far == pytest.approx(near, rel=0.1)
+
+
+def test_the_default_view_is_of_the_box() -> None:
+    """Neither the transfer function nor a voxel moves it; of what is visible, one voxel does not."""
+    samples = corner_block()
+    noisy = samples.copy()
+    noisy[46, 46, 46] = 1000
+    low, high = {"points": ((50.0, 0.0), (60.0, 0.9))}, {"points": ((115.0, 0.0), (120.0, 0.9))}
+    assert len({camera_of(each, **look) for each in (samples, noisy) for look in (low, high)}) == 1
+    assert len({camera_of(each, fit="visible", **look) for each in (samples, noisy) for look in (low,)}) == 1
+    assert len({camera_of(each, fit="0.3", **look) for each in (samples, noisy) for look in (low,)}) == 2
+    # samples that are all alone are what there is
+    alone = np.zeros((32, 32, 32), np.float32)
+    alone[4, 4, 4] = alone[9, 9, 9] = 100
+    assert camera_of(alone, fit="visible", **low) != camera_of(alone, **low)
+    thread = np.zeros((32, 32, 32), np.float32)
+    thread[4, 4, 2:20] = 100
+    ends = camera_of(thread, fit="visible", **low).eye_from_points([[2, 4, 4], [19, 4, 4]])
+    assert (np.abs(ends[:, :2] / ends[:, 2:]) < np.tan(np.radians(20))).all()
 
 
 def test_the_options_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:

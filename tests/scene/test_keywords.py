@@ -123,7 +123,8 @@ def values() -> dict[str, Any]:
     region = ["box:30,90,2,50:red:0.5"]
     return {
         **{"size": (20, 24), "view": "top", "azimuth": 75, "elevation": 60, "fov": 70, "zoom": 0.6, "eye": (30, 20, 9)},
-        **{"look_at": (1, 2, 3), "up": (1, 0, 0), "orthographic": True, "height": 30.0, "dpi": 200, "width": "1mm"},
+        **{"look_at": (1, 2, 3), "up": (1, 0, 0), "orthographic": True, "height": 30.0, "fit": "visible"},
+        **{"dpi": 200, "width": "1mm"},
         **{"blend": "xray", "mip_attenuation": 0.5, "kernel": "gaussian", "classification": "pre"},
         **{"compositing": "splats", "sheets": 4, "steps": 4, "antialias": "off", "samples": 2, "align": "grid"},
         **{"z_s": 1.0, "attenuation": "opacity", "footprint": "table", "table_size": 8, "table_bits": 8},
@@ -149,6 +150,7 @@ def values() -> dict[str, Any]:
 # values for single kinds, on which those above are the default
 OTHER: dict[tuple[str, str], Any] = {
     **{(kind, "shading"): "on" for kind in ("points", "channels")},
+    **{(kind, "fit"): "0.3" for kind in ("mesh", "points")},
     **{("labels", "values"): "amounts", ("labels", "threshold"): 0.995, ("labels", "compositing"): "sheets"},
     **{(kind, "classification"): "post" for kind in ("labels", "points", "colours")},
 }

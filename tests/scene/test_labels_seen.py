@@ -58,7 +58,7 @@ def test_labels_are_seen_through_a_volume(renderer: sg.Renderer) -> None:
         volume = replace(body(size), spacing=options.pop("spacing", (1.0, 1.0, 1.0)))  # type: ignore[arg-type]
         scale = size // 32
         labels = labels_in().repeat(scale, 0).repeat(scale, 1).repeat(scale, 2)
-        scene = SceneFile("body", held=volume, view=ViewOptions(SIZE), transfer=options)
+        scene = SceneFile("body", held=volume, view=ViewOptions(SIZE, zoom=1.3), transfer=options)
         drawn = OpenScene.read(scene.with_options(labels=labels))
         picture = renderer.render(drawn.subject, drawn.camera, drawn.settings).pixels
         hidden = sg.Scene(drawn.scene.layers[:1])

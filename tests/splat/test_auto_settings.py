@@ -120,17 +120,18 @@ def test_what_is_made_of_splats_is_not_extracted_again(splats: sg.Splats) -> Non
     assert all(each.source is None and select_splats(each, SPLATS, False) is each for each in made)
 
 
-def test_a_view_is_fitted_to_what_is_visible(splats: sg.Splats) -> None:
+@pytest.mark.parametrize("fit", ["visible", "0.3"])
+def test_a_view_may_be_fitted_to_what_is_visible(splats: sg.Splats, fit: str) -> None:
     """Values around opaque ones do not move the camera away; nor do those where all are transparent."""
     place = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0)
     ball = sg.Volume((place < 5).astype(np.float32))
     after, before = (sg.extract(ball, TRANSFER, classification=how) for how in ("post", "pre"))
     assert len(after) > len(before)
-    first, second = (ViewOptions(size=(20, 20)).camera(ball, each) for each in (after, before))
-    assert np.array_equal(first.eye, second.eye) and np.array_equal(first.eye_from_world, second.eye_from_world)
+    first, second = (ViewOptions(size=(20, 20), fit=fit).camera(ball, each) for each in (after, before))
+    assert first == second != ViewOptions(size=(20, 20)).camera(ball, after)
     assert splats.post is not None
     clear = splats.with_classifier(splats.post.with_transfer(sg.Transfer([(0.3, 0.0), (0.8, 0.0)])))
-    assert np.array_equal(ViewOptions().camera(ball, clear).eye, ViewOptions().camera(ball, ball).eye)
+    assert ViewOptions(fit=fit).camera(ball, clear) == ViewOptions(fit=fit).camera(ball, ball)
 
 
 @pytest.mark.parametrize("why", ["threshold", "colours of its own", "many values", "values from"])

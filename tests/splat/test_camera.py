@@ -153,3 +153,18 @@ def test_cameras_of_vtk_see_the_same_places(kind: str) -> None:
 def test_what_has_no_camera_is_refused() -> None:
     with pytest.raises(sg.InputError, match="a camera of VTK or PyVista, or a plotter, got a list"):
         sg.Camera.of([1, 2, 3])
+
+
+@pytest.mark.parametrize("size", [(64, 64), (90, 40), (30, 70)])
+@pytest.mark.parametrize("turn", [(0, 0), (30, 20), (200, -70)])
+def test_opposite_margins_are_equal(size: tuple[int, int], turn: tuple[int, int]) -> None:
+    """Of a box in perspective; the narrower margins are 2.5 % or more of the picture."""
+    volume = sg.Volume(np.ones((9, 30, 14), np.float32), (1.0, 1.3, 2.0), (5.0, 0.0, -40.0))
+    splats = sg.extract(volume, sg.Transfer([(0, 0.0), (2, 0.5)]))
+    camera = sg.Camera.orbit(volume, *turn, size=size)
+    assert camera == sg.Camera.orbit(splats, *turn, size=size) == sg.Camera.orbit(sg.Scene([volume]), *turn, size=size)
+    assert camera != sg.Camera.orbit(volume, *turn, size=size, zoom=1.1) and len({camera, camera.resized(size)}) == 1
+    x, y, z = camera.eye_from_points(volume.corners).T
+    places = np.array([x / z, y / z]) / camera.extent * size[1] / np.array([[size[0]], [size[1]]])
+    low, high = places.min(axis=1) + 0.5, 0.5 - places.max(axis=1)
+    assert low == pytest.approx(high, abs=1e-9) and 0.02 < low.min() < 0.1

@@ -20,6 +20,7 @@ from splatgl.splat.resolve import Resolved
 from splatgl.studies.stress import CASES, run_case
 from tests.fuzz.error_bound import case, measure
 from tests.helpers import streaks
+from tests.helpers.noise import close_up
 from tests.helpers.splatting import SPLATS
 
 SIZE = (64, 48)
@@ -104,7 +105,7 @@ SHAPES = {
 
 def views(splats: sg.Splats) -> dict[str, sg.Camera]:
     """Far, near, inside, along the faces; pixels larger and smaller than voxels."""
-    fitted = sg.Camera.orbit(splats, 20, 30, size=(24, 18))
+    fitted = close_up(splats, 20, 30, (24, 18))
     middle = splats.corners.mean(axis=0)
     away = fitted.eye - middle
     return {

@@ -18,7 +18,7 @@ from splatgl.splat.settings import Technique
 from splatgl.splat.transfer_files import load_transfer
 from tests.helpers.bricks import noise
 from tests.helpers.marcher import Field
-from tests.helpers.noise import GRIDS, inside, views
+from tests.helpers.noise import GRIDS, close_up, inside, views
 from tests.helpers.regions import SOME, half_flat
 from tests.helpers.regions import painting as painting
 
@@ -177,7 +177,7 @@ def test_gradients_are_those_of_the_field(width: float, low: float, high: float)
 def test_sheets_are_near_the_field(painting: str) -> None:
     """The field marched finely, as it was kept, and whole: no visible voxel is lost."""
     splats = matter(SOME)
-    camera = sg.Camera.orbit(splats, 30, 20, size=(12, 12))
+    camera = close_up(splats, 30, 20, (12, 12))
     drawn = sg.reference.render(splats, camera, sg.Settings(antialias="off")).pixels.reshape(-1, 4)
     kept = kept_field_integral(splats, camera, np.arange(144))
     whole = field_integral(noisy(), splats.post.transfer, camera, steps_per_voxel=8).pixels.reshape(-1, 4)

@@ -18,7 +18,7 @@ from splatgl.scene.view import ViewOptions
 from splatgl.splat.clipping import Plane
 from splatgl.splat.scissors import Scissors
 from tests.helpers.blocks import FOG, OPACITY, PLAIN, SOLID, block, field, lengths
-from tests.helpers.noise import views
+from tests.helpers.noise import close_up, views
 
 TRIANGLE = ((0.25, 0.2), (0.9, 0.35), (0.4, 0.85))
 # an L
@@ -48,7 +48,7 @@ def test_a_block_is_as_deep_as_what_scissors_leave(grid: str, view: str, rendere
     volume = block(grid)
     whole = sg.extract(volume, FOG)
     drawn_in = views(whole)[view]
-    camera = sg.Camera.orbit(volume, 200, 50, size=(48, 40))
+    camera = close_up(volume, 200, 50, (48, 40))
     inside = lengths(volume, camera, planes_of(TRIANGLE, drawn_in))
     full = lengths(volume, camera, ())
     assert 0.05 < inside.sum() / full.sum() < 0.9
@@ -148,17 +148,20 @@ def test_commands_scene_files_and_python_agree(tmp_path: Path, monkeypatch: pyte
     samples = field().samples
     np.save("a.npy", samples)
     text = "0.5,0 1,0 1,1 0.5,1"
-    assert main(["render", "a.npy", "-o", "out.npy", "--size", "32", "--quiet", "--scissors", text]) == 0
+    assert (
+        main(["render", "a.npy", "-o", "out.npy", "--size", "32", "--fit", "0.3", "--quiet", "--scissors", text]) == 0
+    )
     right = np.load("out.npy")
-    assert np.array_equal(sg.render("a.npy", size=32, scissors=text).pixels, right)
+    assert np.array_equal(sg.render("a.npy", size=32, fit="0.3", scissors=text).pixels, right)
     # the view stays that of the whole, and its left half is untouched, but for the light near the face
-    whole = sg.render("a.npy", size=32).pixels
+    whole = sg.render("a.npy", size=32, fit="0.3").pixels
     assert np.abs(right[:, :11] - whole[:, :11]).max() < 4e-3 < whole[:, :11].max()
     assert right[:, 18:].max() == 0 < whole[:, 18:].max()
-    Path("scene.toml").write_text(f'volume = "a.npy"\nscissors = ["{text}"]\n[camera]\nsize = [32, 32]\n')
+    Path("scene.toml").write_text(f'volume = "a.npy"\nscissors = ["{text}"]\n[camera]\nsize = [32, 32]\nfit = "0.3"\n')
     assert np.array_equal(sg.render("scene.toml").pixels, right)
-    opened = OpenScene.read(SceneFile("a.npy", scissors=(Scissors(text),), view=ViewOptions(size=(32, 32))))
-    assert np.allclose(opened.camera.eye, OpenScene.read(SceneFile("a.npy")).camera.eye)
+    view = ViewOptions(size=(32, 32), fit="0.3")
+    opened = OpenScene.read(SceneFile("a.npy", scissors=(Scissors(text),), view=view))
+    assert opened.camera == OpenScene.read(SceneFile("a.npy", view=view)).camera
     Path("fixed.toml").write_text(opened.file.to_toml(tmp_path))
     assert "[[scissors]]" in Path("fixed.toml").read_text()
     from_side = [sg.render(name, azimuth=100, size=32).pixels for name in ("fixed.toml", "scene.toml")]

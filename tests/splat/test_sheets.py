@@ -19,7 +19,7 @@ from splatgl.splat.kernels import KERNELS, depth_deviation, kernel
 from splatgl.splat.ordering import order_for
 from splatgl.splat.settings import BlendMode, Technique
 from splatgl.splat.sheets import Sheets
-from tests.helpers.noise import GRIDS, LOOKS, inside, views
+from tests.helpers.noise import GRIDS, LOOKS, close_up, inside, views
 
 EXACT = sg.Settings(compositing="sheets", antialias="paper", tolerance=1e-6)
 COUNTS = (2, 3, 4)
@@ -255,7 +255,7 @@ def test_without_compute_shaders_quads_draw_sheets(renderer: sg.Renderer, monkey
 @pytest.mark.parametrize("name", ["cloud", "ball"])
 def test_sheets_are_nearer_to_the_ray_integral(name: str) -> None:
     splats, settings = overlapping(name), sg.Settings(compositing="splats", antialias="off")
-    camera = sg.Camera.orbit(splats, 30, 20, size=(48, 48))
+    camera = close_up(splats, 30, 20, (48, 48))
     truth = ray_integral(splats, camera).pixels
 
     def missed(settings: sg.Settings) -> float:

@@ -20,13 +20,15 @@ from splatgl.studies.accuracy.content import conclusion, rivals
 from splatgl.studies.accuracy.ground_truth import LEVELS, Subject, Truths
 from splatgl.studies.accuracy.methods import axis_of, methods
 from splatgl.studies.accuracy.sweep import Results, Store, Sweep, select_methods
+from tests.helpers.noise import close_up
 
 LEVEL = replace(LEVELS["quick"], size=16, rounds=1)
 
 
 @pytest.fixture(scope="module")
 def balls() -> Subject:
-    return opened("balls", LEVEL)
+    found = opened("balls", LEVEL)
+    return replace(found, camera=close_up(found.splats(), 30, 20, found.camera.size))
 
 
 def rmse(a: np.ndarray, b: np.ndarray) -> float:

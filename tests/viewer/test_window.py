@@ -314,7 +314,7 @@ def test_right_zooms(window: Window) -> None:
 def test_clicks_measure(window: Window) -> None:
     """Two clicks a distance, which the picture shows, as do the next two; ctrl+z takes it back."""
     window.key("e")
-    window.hands("mousemove", 100, 90, "click", 1, "mousemove", 140, 90, "click", 1)
+    window.hands("mousemove", 112, 90, "click", 1, "mousemove", 128, 90, "click", 1)
     told = window.ask("settle")
     assert [len(each["points"]) for each in told["measures"]] == [2] and told["message"].startswith("distance")
     assert told["ruler"]["active"] and not told["ruler"]["points"] and "measures" in told["annotate"]
