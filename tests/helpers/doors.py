@@ -366,9 +366,8 @@ DOORS: dict[str, Door] = {
     "copied command": Door(by_copied_command, NOT_IN_WINDOW, base="saved"),
     "copied Python": Door(by_copied_python, NOT_IN_WINDOW, base="saved"),
     "notebook": Door(in_notebook, NOT_IN_WINDOW, base="bare", is_open=True),
-    # the camera of a series fits all of its volumes, and a note says so
-    "animate": Door(by_animation, NOT_IN_MOVIES, lacks=("a series",), base="steady"),
-    "sg.animate": Door(by_python_animation, NOT_IN_MOVIES, lacks=("a series",), base="steady"),
+    "animate": Door(by_animation, NOT_IN_MOVIES, base="steady"),
+    "sg.animate": Door(by_python_animation, NOT_IN_MOVIES, base="steady"),
     "bricks": Door(
         in_bricks,
         {

@@ -441,6 +441,7 @@ SCENE = (
     Option("camera.orthographic", 0.2, lambda draft: True),
     Option("camera.eye", 0.3, _eye, lambda draft: _has_no_angles(draft) and not draft.has("camera.view")),
     Option("camera.zoom", 0.2, lambda draft: draft.between(0.8, 1.4), lambda draft: not draft.has("camera.eye")),
+    Option("camera.fit", 0.2, lambda draft: draft.one("all", "visible", "0.3")),
     Option("camera.look_at", 0.7, _look_at, lambda draft: draft.has("camera.eye")),
     Option("camera.up", 0.15, lambda draft: draft.one([0.1, 0.2, 0.9], [0.0, -1.0, 0.2])),
     Option("settings.blend", 0.25, lambda draft: draft.one(*BLENDS), _keeps_no_order),
