@@ -229,6 +229,17 @@ def test_a_keyframe_is_the_picture_of_render(row: dict[str, float], here: Path) 
     assert np.array_equal(np.load(frame), sg.render("ball.npy", size=32, **row).pixels)
 
 
+def test_a_series_begins_with_the_picture_of_render(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Bit for bit; what is visible at one time alone does not move the camera."""
+    for number in range(2):
+        np.save(f"s{number}.npy", np.pad(np.full((3 + 5 * number,) * 3, 9.0, np.float32), (2, 7 - 5 * number)))
+    series = ["animate", "s0.npy", "s1.npy", "-o", "s{frame}_.npy", "--spin", "0", "--size", "24"]
+    assert main(series) == 0 and "fits" not in capsys.readouterr().err
+    assert np.array_equal(np.load("s0_.npy"), sg.render("s0.npy", size=24).pixels)
+    assert main([*series, "--fit", "visible"]) == 0
+    assert "the camera fits the whole of each volume of the series" in capsys.readouterr().err
+
+
 def test_the_size_of_turning_keyframes_is_told(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     np.save("rod.npy", np.pad(np.full((4, 4, 20), 9.0, np.float32), 2))
     Path("k.toml").write_text("[[keyframe]]\nframe = 0\nazimuth = 90\n[[keyframe]]\nframe = 1\nazimuth = 180\n")

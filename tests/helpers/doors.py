@@ -366,8 +366,9 @@ DOORS: dict[str, Door] = {
     "copied command": Door(by_copied_command, NOT_IN_WINDOW, base="saved"),
     "copied Python": Door(by_copied_python, NOT_IN_WINDOW, base="saved"),
     "notebook": Door(in_notebook, NOT_IN_WINDOW, base="bare", is_open=True),
-    "animate": Door(by_animation, NOT_IN_MOVIES, base="steady"),
-    "sg.animate": Door(by_python_animation, NOT_IN_MOVIES, base="steady"),
+    # what is visible at one time may not be at others: the camera fits all of each volume, and a note says so
+    "animate": Door(by_animation, NOT_IN_MOVIES, lacks=("a fitted series",), base="steady"),
+    "sg.animate": Door(by_python_animation, NOT_IN_MOVIES, lacks=("a fitted series",), base="steady"),
     "bricks": Door(
         in_bricks,
         {

@@ -538,7 +538,8 @@ def _mesh(draft: Draft) -> Table:
 def traits(draft: Draft) -> set[str]:
     """Names of a scene's options, and of the kinds of its sources: "a layer of points"."""
     names = set(option_names(draft.table)) | {f"a volume of {draft.kind}"}
-    names |= {"a series"} if draft.kind == "times" and "load.time" not in names else set()
+    is_fitted = draft.table["camera"].get("fit", "all") != "all"
+    names |= {"a fitted series"} if draft.kind == "times" and "load.time" not in names and is_fitted else set()
     return names | {f"a layer of {draft.sources[row['volume']].kind}" for row in draft.table.get("layer", ())}
 
 
