@@ -164,7 +164,7 @@ class Truth:
     def __init__(self, scene: OpenScene, size: int, picture: Path) -> None:
         camera, settings = scene.camera.resized((size, size)), scene.settings
         drawn = select_splats(scene.splats, settings, moving=False, camera=camera)
-        self.background = np.array(settings.background or (0.0, 0.0, 0.0))
+        self.background = np.array(settings.ground or (0.0, 0.0, 0.0))
         shown = _colors(picture)[:, :3]
         seen = np.flatnonzero((np.abs(linear_from_srgb(shown) - self.background) > UNSEEN).any(axis=1))
         self.pixels = seen[np.linspace(0, len(seen) - 1, min(PIXELS, len(seen))).astype(int)]
@@ -233,7 +233,7 @@ def measure(data: Path, rounds: int, size: int, has_more: bool, folder: Path) ->
     script.write_text(VTK)
     more = {"one sample": ["--antialias", "off"], "like 0.1": ["--like", "0.1"]} if has_more else {}
     for file in FILES:
-        scene, name = OpenScene.read(SceneFile(str(data / file), auto_background=True)), Path(file).name
+        scene, name = OpenScene.read(SceneFile(str(data / file))), Path(file).name
         render = [sys.executable, "-m", "splatgl", "render", str(data / file), "--size", f"{size}", "--quiet"]
         pictures = {way: folder / f"{name}.{way}.png" for way in ("default", *more, "VTK, CPU")}
         ways = {way: [*render, *more.get(way, []), "-o", str(pictures[way])] for way in ("default", *more)}

@@ -59,7 +59,7 @@ def animate(
     (degrees a frame), axis, keyframes (a file or its table), hold (frames for each volume of a series), flow, only (the
     first and the last frame to draw), fps, bits (8 or 16), resume (keep frames that exist), workers (processes of this
     machine that draw) or scheduler (the address of Dask's), devices (their numbers); they replace those of a scene
-    file. Without a background PNGs and movies have the default one. Raises InputError as `render`, and for options that
+    file. Raises InputError as `render`, and for options that
     do not go together.
 
     ```python
@@ -80,8 +80,7 @@ def animate(
     check_fps(fps, "fps")
     scenes = [scene_of(item, transfer, None, settings, rest)[0] for item in items]
     timeline, fps = timeline_of(scenes[0], Timeline(**given), fps)
-    has_default = "background" not in scenes[0].settings.given and Path(output).suffix.lower() != ".npy"
-    scenes = [with_blur(replace(scene, auto_background=has_default), options.get("shutter")) for scene in scenes]
+    scenes = [with_blur(scene, options.get("shutter")) for scene in scenes]
     scenes = [each for scene in scenes for each in ([scene] if scene.held is not None else volumes(scene, ()))]
     animation = Animation.of(scenes, timeline, options.get("time"), bits, True)
     frames, _ = write_animation(animation, str(output), by, DrawOptions(is_shared=True), fps, resume, True)

@@ -60,7 +60,7 @@ def annotated(
     pixels = pixels + (1 - pixels[..., 3:]) * behind.pixels if behind.marks else pixels
     pixels = layer.pixels + (1 - layer.pixels[..., 3:]) * pixels
     info |= {"annotated": list(names), "not_annotated": list(layer.notes)}
-    return Image(pixels.astype(np.float32), info, figure)
+    return replace(image, pixels=pixels.astype(np.float32), info=info, figure=figure)
 
 
 def on_ground(image: Image, ground: Color | None) -> Image:
@@ -71,7 +71,7 @@ def on_ground(image: Image, ground: Color | None) -> Image:
         return image
     pixels = image.pixels + (1 - image.pixels[..., 3:]) * np.array([*ground, 1.0], np.float32)
     figure = None if image.figure is None else replace(image.figure, ground=ground)
-    return Image(pixels, {**image.info, "background": list(ground)}, figure)
+    return replace(image, pixels=pixels, info={**image.info, "background": list(ground)}, figure=figure)
 
 
 def omission_notes(image: Image) -> list[str]:

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.animation.movie import expanded
-from splatgl.cli.options import for_output, name_of, record_of, scene_from
-from splatgl.cli.output import check_outputs, ground_of, report
+from splatgl.cli.options import name_of, record_of, scene_from
+from splatgl.cli.output import check_outputs, report
 from splatgl.cli.parser import BAD_INPUT, one_line
 from splatgl.errors import USER_ERRORS, InputError, error_text, expected
 from splatgl.fileio import write_file
@@ -195,10 +195,10 @@ def draw_job(job: argparse.Namespace, how: DrawOptions, same: Same | None) -> Dr
     """The picture of a job, or its error. same: what an earlier picture shares with it."""
     output, is_quiet = Path(job.output), job.quiet or job.json
     try:
-        file = for_output(scene_from(job), output)
+        file = scene_from(job)
         scene = OpenScene.read(file, is_quiet) if same is None else same.read(file, is_quiet)
-        image = draw(scene, how)
-        data = image.encoded(output, job.bits, ground_of(scene))
+        image = draw(scene, how).with_accuracy()
+        data = image.encoded(output, job.bits)
         return Drawn(data, report(job, image, scene), Same.of(scene) if job.same and same is None else None)
     except USER_ERRORS as error:
         return error_text(error)

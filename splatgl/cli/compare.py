@@ -89,12 +89,10 @@ def check_apart(output: Path, *inputs: Path) -> None:
         raise expected(output, "another file than the compared pictures", "one of them", "write to another name")
 
 
-def check_against(
-    image: Image, reference: Picture, output: Path, background: tuple[float, float, float] | None = None
-) -> Verdict:
+def check_against(image: Image, reference: Picture, output: Path) -> Verdict:
     """Verdict on a new image, as saved at `output`, by the default limits."""
     bits = reference.image.bits
-    drawn = Picture(str(output), image if bits is None else image.rounded(bits, background))
+    drawn = Picture(str(output), image if bits is None else image.rounded(bits))
     first, second = match_formats(drawn, reference)
     return judge(first, second, Tolerance(), frozenset(), (str(output), reference.name))
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.animation.movie import is_pattern
-from splatgl.data.color import AUTO, CLEAR
 from splatgl.errors import expected
 from splatgl.options import Group, Option, declared, names_of
 from splatgl.platforms import CHOICES
@@ -24,14 +23,10 @@ from splatgl.splat.transfer import Transfer
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from splatgl.data.image import Image
-
     Record = TypeVar("Record", bound=DataclassInstance)
 
 # options of the view of a picture alone
 ON_PAPER = ("dpi", "width")
-# files for computations: they keep alpha, unless a colour is requested
-DATA = (".npy", ".exr")
 
 
 def add_source(parser: argparse.ArgumentParser, optional: bool = False) -> None:
@@ -136,14 +131,8 @@ def scene_from(args: argparse.Namespace) -> SceneFile:
         if not hasattr(args, "turntable"):
             raise expected("--time", "one time point", "several", "splatgl animate draws them")
         del given["time"]
-    path, background = Path(source), given.get("background")
-    # before version 0.2 pictures had no background
-    is_bare = source.endswith(".toml") or given.get("like") == "0.1" or given.get("paper")
-    is_open = background is None and not is_bare
-    if background == AUTO:
-        given["background"] = CLEAR
+    path = Path(source)
     scene = SceneFile.from_toml(path) if path.suffix == ".toml" and not is_address(source) else SceneFile(source)
-    scene = replace(scene, auto_background=is_open or background == AUTO)
     named = {} if array is None else {"array": array}
     scene = scene.with_options(**{**named, **given})
     return scene.with_preset_blend() if "blend" in vars(args) and args.blend is None else scene
@@ -162,19 +151,6 @@ def record_of(args: argparse.Namespace, record: type[Record]) -> Record:
     """A dataclass of the options that its fields have on the command line."""
     given = {item.name: getattr(args, item.name, None) for item in fields(record)}
     return record(**{name: value for name, value in given.items() if value is not None})
-
-
-def for_output(file: SceneFile, output: Path, reference: Image | None = None) -> SceneFile:
-    """The scene whose background suits the file to write: that of a reference, and none in files for computations.
-
-    An explicit background stays.
-    """
-    if not file.auto_background:
-        return file
-    match reference and reference.info.get("background"):
-        case [float() | int() as red, float() | int() as green, float() | int() as blue]:
-            file = replace(file, settings=replace(file.settings, background=(red, green, blue)))
-    return replace(file, auto_background=reference is None and output.suffix.lower() not in DATA)
 
 
 def _refuse_many(args: argparse.Namespace) -> None:

@@ -10,17 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.cli.options import name_of
-from splatgl.data.color import Color, srgb_from_linear
+from splatgl.data.color import srgb_from_linear
 from splatgl.data.image import MAPS, SAVED, Image
 from splatgl.data.image_files import JPEG, require_library
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
-from splatgl.scene.draw import compared
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV
-from splatgl.splat.settings import BLENDS
 from splatgl.splat.transfer import Transfer
 
 # points of a transfer function that fit in a line; of more, the first and the last are listed
@@ -30,12 +28,6 @@ SHOWN = 3
 def output_of(args: argparse.Namespace) -> Path:
     """The file of the picture."""
     return Path(args.output or f"{name_of(args.source)}.png")
-
-
-def ground_of(scene: OpenScene) -> Color | None:
-    """The background that is put behind a picture as it is saved: that of sums."""
-    settings = scene.file.settings
-    return settings.background if BLENDS[settings.blend].unbounded else None
 
 
 def report(args: argparse.Namespace, image: Image, scene: OpenScene) -> str:
@@ -102,7 +94,7 @@ def as_json(source: str, output: Path, image: Image, scene: OpenScene) -> str:
             "extent": camera.extent,
         },
         "transfer": {"points": transfer.points, "colormap": transfer.colormap, "window": transfer.window},
-        "notes": [*scene.volume.notes, *_texts(info.get("notes")), *_texts(info.get("not_annotated"))],
+        "notes": [*_texts(info.get("notes")), *_texts(info.get("not_annotated"))],
         "error": None,
     }
     return json.dumps(record, allow_nan=False, ensure_ascii=False, default=float)
@@ -204,11 +196,10 @@ def _view(scene: SceneFile, volume: Volume, image: Image) -> str:
 
 def _error(image: Image) -> str:
     """Text on the error bound, or on the compared pixels."""
-    info = image.info
-    error, checked = info["error_bound"], info.get("checked")
-    if isinstance(checked, dict):
-        return compared(image).replace("\n", "; ")
+    if "checked" in image.info:
+        return "; ".join(image.accuracy.comparisons)
+    error = image.info["error_bound"]
     if not isinstance(error, float):
         return "its error is not known"
-    met = "within" if info["tolerance_met"] else "above"
-    return f"error at most {error:.2g}, {met} the tolerance {info['tolerance']:.3g}"
+    met = "within" if image.info["tolerance_met"] else "above"
+    return f"error at most {error:.2g}, {met} the tolerance {image.info['tolerance']:.3g}"

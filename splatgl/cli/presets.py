@@ -13,7 +13,7 @@ from splatgl.cli.options import add_backend, add_source, add_view, record_of, sc
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
-from splatgl.scene.open_scene import default_background
+from splatgl.scene.open_scene import with_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.presets import PRESETS, default_transfer, preset
 from splatgl.splat.settings import Settings
@@ -122,11 +122,10 @@ def draw_preset(
     from PIL import Image as Pillow
 
     transfer, settings = look
-    background = settings.background or default_background(transfer, settings)
     splats = replace(scene, settings=settings).splats(volume, transfer)
     if not len(splats):
         return None
-    image = renderer.render(splats, camera, replace(settings, background=background))
+    image = renderer.render(splats, camera, with_background(settings, transfer.shading))
     samples = (image.straight()[..., :3] * 255).round().astype("uint8")
     return Pillow.fromarray(samples, "RGB")
 

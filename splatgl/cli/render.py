@@ -18,12 +18,12 @@ from splatgl.cli.options import (
     add_drawing,
     add_options,
     add_source,
-    for_output,
     group_of,
     record_of,
     scene_from,
 )
-from splatgl.cli.output import check_outputs, ground_of, output_of, report
+from splatgl.cli.output import check_outputs, output_of, report
+from splatgl.data.color import AUTO
 from splatgl.data.image import Image, save_map
 from splatgl.errors import expected
 from splatgl.options import Group, declared, names_of
@@ -138,7 +138,8 @@ def render(args: argparse.Namespace, file: SceneFile, how: DrawOptions, by: Work
             raise expected("annotate", "no --ref, which compares pictures without annotations", args.ref)
         file = replace(file, annotate=())
     reference = _reference(args.ref, output) if args.ref else None
-    file = for_output(file, output, reference.image if reference and args.background is None else None)
+    if reference is not None and args.background is None and file.settings.background == AUTO:
+        file = replace(file, settings=replace(file.settings, background=_behind(reference.image)))
     scene = OpenScene.read(file, is_quiet, is_alone=by.are_used)
     if file.slices:
         _check_slices(args, by)
@@ -147,14 +148,24 @@ def render(args: argparse.Namespace, file: SceneFile, how: DrawOptions, by: Work
         if args.output is None and reference is None:
             return 0
     image = finish(_draw_on_workers(scene, how, by), scene) if by.are_used else draw(scene, how)
-    behind = ground_of(scene)
-    status = 0 if reference is None else _compare(image, reference, output, behind, is_quiet)
+    image = image.with_accuracy()
+    status = 0 if reference is None else _compare(image, reference, output, is_quiet)
     if reference is not None and status == 0:
         return status
-    image.save(output, args.bits, behind)
+    image.save(output, args.bits)
     if text := report(args, image, scene):
         print(text)
     return status
+
+
+def _behind(reference: Image) -> Color | str | None:
+    """The background of a reference: as its provenance states, else the default one of an opaque picture."""
+    match reference.info.get("background", AUTO):
+        case [float() | int() as red, float() | int() as green, float() | int() as blue]:
+            return red, green, blue
+        case "auto" if (reference.pixels[..., 3] == 1).all():
+            return AUTO
+    return None
 
 
 def _check_slices(args: argparse.Namespace, by: WorkerOptions) -> None:
@@ -165,12 +176,12 @@ def _check_slices(args: argparse.Namespace, by: WorkerOptions) -> None:
             raise expected("--slice", f"no {name} beside it", value, "--slice-plane shows a slice in space")
 
 
-def _compare(image: Image, reference: Picture, output: Path, background: Color | None, is_quiet: bool) -> int:
+def _compare(image: Image, reference: Picture, output: Path, is_quiet: bool) -> int:
     """Compares with --ref, and prints the verdict; returns 0, or 1 for a different picture."""
     from splatgl.cli.compare import check_against
     from splatgl.comparison.pairs import DIFFERENT, SAME
 
-    verdict = check_against(image, reference, output, background)
+    verdict = check_against(image, reference, output)
     if not (verdict.same and is_quiet):
         print(verdict)
     return SAME if verdict.same else DIFFERENT

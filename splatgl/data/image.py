@@ -8,12 +8,13 @@ import struct
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from splatgl.data.accuracy import Accuracy
 from splatgl.data.color import linear_from_srgb, srgb_bytes, srgb_from_linear
 from splatgl.data.figure import VECTOR, Figure
 from splatgl.data.image_files import (
@@ -28,6 +29,7 @@ from splatgl.data.image_files import (
     load_exr,
     load_tiff,
     provenance,
+    reproducible,
     require_library,
 )
 from splatgl.errors import InputError, expected, import_extra
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
 
 # endings of the files that `Image.save` writes
 SAVED = (".png", ".npy", *JPEG, *TIFF, *EXR, *VECTOR)
+BLACK = (0.0, 0.0, 0.0)
 # rows per band: numpy converts samples to 8-byte indices, which should stay in the cache
 BAND_ROWS = 16
 METRES_OF_INCH = 0.0254
@@ -48,16 +51,60 @@ DECODED = 4 + 16
 PNG_SIGNATURE, UP, COLOR_TYPES = b"\x89PNG\r\n\x1a\n", 2, {3: 2, 4: 6}
 
 
+class Drawn(NamedTuple):
+    """Pixels as a renderer drew them, float32 [H, W, 4], and of what: splats, bricks or a scene, a camera, settings."""
+
+    pixels: np.ndarray
+    subject: Any
+    camera: Any
+    settings: Any
+
+
 @dataclass(frozen=True, eq=False)
 class Image:
     """pixels: float32 [H, W, 4], linear, premultiplied, row 0 at the top. info: how the image was rendered. figure: the
-    picture without its annotations, and these, for PDF and SVG. bits: 8 or 16 of samples, None of floats.
+    picture without its annotations, and these, for PDF and SVG. bits: 8 or 16 of samples, None of floats. drawn: what
+    `accuracy` compares with; None of files, of blurred pictures, and of copies for other processes.
     """
 
     pixels: np.ndarray
     info: Mapping[str, object] = field(default_factory=dict)
     figure: Figure | None = None
     bits: int | None = None
+    drawn: Drawn | None = field(default=None, repr=False)
+
+    def __getstate__(self) -> dict[str, object]:
+        """The fields for a copy, without what was drawn, which may be large."""
+        return {**self.__dict__, "drawn": None}
+
+    @cached_property
+    def accuracy(self) -> Accuracy:
+        """The error against float64, computed when it is asked for first: of 60 random pixels, or 10 of a volume in
+        bricks, unless `sg.check` or the file has compared others. They are the same in each run.
+        """
+        from splatgl.reference.check import compare
+
+        info = self.info
+        image = self if isinstance(info.get("checked"), dict) or self.drawn is None else compare(self)
+        checked, known = image.info.get("checked"), [info.get(name) for name in ("error_bound", "tolerance")]
+        bound, tolerance = (float(value) if isinstance(value, int | float) else None for value in known)
+        met, level = info.get("tolerance_met"), info.get("level")
+        # annotations scale sums
+        scale = float(str(info.get("scale", 1.0)))
+        return Accuracy(
+            bound,
+            tolerance,
+            met if isinstance(met, bool) else None,
+            checked if isinstance(checked, dict) else None,
+            float(self.pixels.max()) / scale if self._is_sum else None,
+            level if isinstance(level, int) else 0,
+        )
+
+    def with_accuracy(self) -> Image:
+        """The image with info["checked"] of its `accuracy`, unless its error has a bound or is compared already."""
+        if self.drawn is None or "checked" in self.info or self.info.get("error_bound") is not None:
+            return self
+        return replace(self, info={**self.info, "checked": self.accuracy.checked})
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -87,15 +134,19 @@ class Image:
         """Writes .png (sRGB, straight alpha, 8 or 16 bits), .jpg (sRGB), .npy, .tif or .exr (the pixels), atomically.
         In .svg and .pdf annotations are text and lines over the pixels.
 
-        background: linear RGB behind a PNG, JPEG or page; None keeps it transparent, black in JPEG. An `xray` image
-        is scaled to its maximum in these; the factor is in the file's text. Raises InputError for
-        another suffix, and if the file cannot be written.
+        background: linear RGB behind a PNG, JPEG or page; None keeps it as it was drawn. An `xray` image is scaled to
+        its maximum in these; the factor is in the file's text. Equal pictures give equal bytes: what took how long is
+        not in the file, but its accuracy is, which is computed if no bound is known. Raises InputError for another
+        suffix, for transparent pixels in JPEG, and if the file cannot be written.
         """
-        write_file(Path(path), self.encoded(Path(path), bits, background))
+        name = Path(path)
+        image = self if name.suffix.lower() == ".npy" else self.with_accuracy()
+        write_file(name, image.encoded(name, bits, background))
 
     def encoded(self, name: Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> bytes:
         """The bytes that `save` writes into a file of that name."""
-        ending, info = name.suffix.lower(), dict(self.info)
+        ending, info = name.suffix.lower(), reproducible(self.info)
+        background = self._ground if background is None else background
         if ending not in SAVED:
             raise expected(name, f"a name that ends in {' or '.join(SAVED)}", repr(name.suffix))
         if ending == ".npy":
@@ -105,7 +156,10 @@ class Image:
         if ending in EXR:
             return encode_exr(self.pixels, info)
         if ending in JPEG:
-            samples = self._samples(info, 8, background or (0.0, 0.0, 0.0))
+            samples = self._samples(info, 8, background or (BLACK if self._is_sum else None))
+            if (samples[..., 3] < 255).any():
+                fix = "name a background, or save it as .png"
+                raise expected(name, "an opaque picture", "transparent pixels", fix)
             return encode_jpeg(samples, info)
         # the samples first: this adds the X-ray scale to `info`
         if ending in VECTOR:
@@ -145,8 +199,8 @@ class Image:
 
     def rounded(self, bits: int = 8, background: tuple[float, float, float] | None = None) -> Image:
         """The image after a round trip through a PNG of `bits` (8 or 16) on `background`, without writing one."""
-        info = dict(self.info)
-        return Image(_linear_pixels(self._samples(info, bits, background)), info, bits=bits)
+        info, ground = dict(self.info), self._ground if background is None else background
+        return Image(_linear_pixels(self._samples(info, bits, ground)), info, bits=bits)
 
     def straight(self) -> np.ndarray:
         """Pixels in sRGB with straight alpha, float64 [H, W, 4] in [0, 1]."""
@@ -165,11 +219,11 @@ class Image:
         """A Pillow image: sRGB with straight alpha, 8 bits, as `save` writes it."""
         from PIL import Image as Pillow
 
-        return Pillow.fromarray(self.samples8(self._ground))
+        return Pillow.fromarray(self.samples8())
 
     def samples8(self, background: tuple[float, float, float] | None = None) -> np.ndarray:
         """uint8 [H, W, 4], sRGB with straight alpha, as `save` writes them."""
-        return self._samples(dict(self.info), 8, background)
+        return self._samples(dict(self.info), 8, self._ground if background is None else background)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         """The pixels, for `np.asarray(image)`."""
@@ -183,12 +237,16 @@ class Image:
 
     def _repr_png_(self) -> bytes:
         """PNG for notebooks."""
-        return self.encoded(Path("image.png"), 8, self._ground)
+        return self.encoded(Path("image.png"))
+
+    @property
+    def _is_sum(self) -> bool:
+        return str(self.info.get("blend")).partition(" ")[0] == "xray"
 
     @property
     def _ground(self) -> tuple[float, float, float] | None:
         """The background of an X-ray, whose pixels do not hold it; None for other images."""
-        ground = self.info.get("background") if self.info.get("blend") == "xray" else None
+        ground = self.info.get("background") if self._is_sum else None
         return (float(ground[0]), float(ground[1]), float(ground[2])) if isinstance(ground, list | tuple) else None
 
     def _samples(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> np.ndarray:

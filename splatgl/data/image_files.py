@@ -38,6 +38,17 @@ def density(info: Info) -> float | None:
     return float(dpi) if isinstance(dpi, int | float) else None
 
 
+def reproducible(info: Info) -> dict[str, object]:
+    """The provenance as files hold it, equal in all runs: without times, and without the comparison of as many pixels
+    as a time allows.
+    """
+    kept = {name: value for name, value in info.items() if name != "seconds"}
+    for name, value in kept.items():
+        if isinstance(value, dict) and "seconds" in value:
+            kept[name] = "of as many pixels as a time allows: not stored" if name == "checked" else reproducible(value)
+    return kept
+
+
 def encode_tiff(pixels: np.ndarray, info: Info) -> bytes:
     """float32 [H, W], or RGBA [H, W, 4] with associated alpha, deflated; the provenance is the ImageDescription."""
     buffer, description = io.BytesIO(), json.dumps(dict(info), ensure_ascii=True)

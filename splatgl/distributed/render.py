@@ -228,7 +228,7 @@ def draw_parts(
     finally:
         client.cancel(futures)
     info |= {"parts": len(shells), "seconds": round(time.perf_counter() - started, 6)}
-    return Image(image.pixels, {**image.info, **info})
+    return replace(image, info={**image.info, **info})
 
 
 def _level(job: Job, sent: Volume | None) -> tuple[int, Transfer, dict[str, object]]:

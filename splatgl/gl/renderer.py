@@ -13,7 +13,7 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from splatgl.data.image import Image
+from splatgl.data.image import Drawn, Image
 from splatgl.errors import InputError, expected
 from splatgl.gl.backends import ContextLost, hand_back
 from splatgl.gl.context import check_process, context_info, current, inherited, open_context
@@ -114,10 +114,11 @@ class Renderer:
         motion: of the scene since the previous frame; blurred as `settings.motion` says, while the shutter is open, up
         to now. verify_bound: if the error bound exceeds the tolerance, draw again with the finest form and measure the
         difference. interrupted: called between portions of the drawing; if it returns True, Interrupted is raised, and
-        later pictures are unaffected. `info["tolerance_met"]`: whether the error bound is known and within the
-        tolerance, which for X-rays is relative to the brightest component. The bound of a mean of moments refers to the
-        mean of their float64 references; the bound of streaks to straight streaks, None near the eye and for long
-        voxels beyond z_k; several layers and meshes have none. Raises InputError for a size beyond OpenGL's limit, for
+        later pictures are unaffected. `info["tolerance_met"]`: whether the error bound is within the tolerance,
+        which for X-rays is relative to the brightest component; None without a bound. `image.accuracy` also compares
+        pixels with float64, once it is asked for. The bound of a mean of moments refers to the mean of their float64
+        references; the bound of streaks to straight streaks, None near the eye and for long voxels beyond z_k; several
+        layers and meshes have none. Raises InputError for a size beyond OpenGL's limit, for
         the flow of other splats, in a process that was forked after the renderer was opened, and as `plan_scene`.
         """
         check_process(self.ctx)
@@ -136,7 +137,8 @@ class Renderer:
             check_size(self.ctx, chosen.view.size)
             pixels = self._draw_scene(scene, interrupted)
         info = self._scene_info(scene, camera, started)
-        return Image(pixels, info | self._error(scene, camera, pixels, verify_bound))
+        drawn = Drawn(pixels, splats, camera, settings) if motion is None else None
+        return Image(pixels, info | self._error(scene, camera, pixels, verify_bound), drawn=drawn)
 
     def plans(
         self, subject: Splats | Scene, camera: Camera, settings: Settings, motion: Motion | None = None
@@ -184,7 +186,7 @@ class Renderer:
         brightest = _brightest(pixels, chosen)
         known = bound(chosen.splats, chosen, pixels) if scene.is_single else None
         if known is None:
-            return {"error_bound": None, "tolerance_met": False}
+            return {"error_bound": None, "tolerance_met": None}
         error, allowed = known.total, chosen.resolved.tolerance * max(brightest, 1e-30)
         if verify and error > allowed and not chosen.exposure:
             error = min(error, self._verified(chosen, camera, pixels))
@@ -272,11 +274,11 @@ class Renderer:
         self, bricks: Bricks, camera: Camera, chosen: Plan, pixels: np.ndarray, splats: int, started: float
     ) -> Image:
         info = self.provenance(chosen, camera, time.perf_counter() - started)
-        info |= {"splats": splats, "bricks": len(bricks.low), "error_bound": None, "tolerance_met": False}
+        info |= {"splats": splats, "bricks": len(bricks.low), "error_bound": None, "tolerance_met": None}
         info["unmasked"] = bricks.whole.unmasked + sum(bricks.gaps.values())
         notes = unused_settings((chosen,), chosen.settings)
         info |= {"notes": notes} if notes else {}
-        return Image(pixels, info)
+        return Image(pixels, info, drawn=Drawn(pixels, bricks, camera, chosen.settings))
 
     def _verified(self, chosen: Plan, camera: Camera, pixels: np.ndarray) -> float:
         """The difference to the picture of the finest form, table and target, plus its bound; inf for that form."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from typing import Self
 from zlib import crc32
@@ -92,6 +92,17 @@ def check(
     return image
 
 
+def compare(image: Image, amount: int | float | None = None, field: bool = False) -> Image:
+    """Adds `info["checked"]` to a picture by what was drawn, also of bricks, under its annotations; as `check`."""
+    pixels, subject, camera, settings = image.drawn or (image.pixels, None, None, None)
+    drawn = replace(image, pixels=pixels)
+    if isinstance(subject, Bricks):
+        drawn = check_bricks(drawn, subject, camera, settings, amount)
+    elif subject is not None:
+        drawn = check(drawn, subject, camera, settings, amount, field)
+    return replace(image, info=drawn.info)
+
+
 def check_bricks(
     image: Image, bricks: Bricks, camera: Camera, settings: Settings | None = None, amount: int | float | None = None
 ) -> Image:
@@ -162,14 +173,16 @@ def compare_sample(
         "share": 0.0 if is_whole else sampling.most_above(0, count) / len(flat),
         "share_above_tolerance": above / len(flat),
     }
-    return Image(image.pixels, {**image.info, "checked": checked}), wanted
+    if isinstance(amount, float):
+        checked["seconds"] = amount
+    return replace(image, info={**image.info, "checked": checked}), wanted
 
 
 def _empty(settings: Settings) -> np.ndarray:
     """[4]: the pixel that no splat reaches."""
-    if settings.background is None or BLENDS[settings.blend].unbounded:
+    if settings.ground is None or BLENDS[settings.blend].unbounded:
         return np.zeros(4)
-    return np.array([*settings.background, 1.0])
+    return np.array([*settings.ground, 1.0])
 
 
 def _affordable(sampling: Sampling, draw: Drawn, seconds: float) -> int:
@@ -274,7 +287,7 @@ def _tiles(height: int, width: int) -> np.ndarray:
 
 def _is_visible(pixels: np.ndarray, settings: Settings) -> np.ndarray:
     """bool [H, W]: which pixels show more than the background."""
-    if settings.background is None or BLENDS[settings.blend].unbounded:
+    if settings.ground is None or BLENDS[settings.blend].unbounded:
         return np.asarray(pixels[..., 3] > 0)
-    off = [np.abs(pixels[..., n] - np.float64(color)) > UNSEEN for n, color in enumerate(settings.background)]
+    off = [np.abs(pixels[..., n] - np.float64(color)) > UNSEEN for n, color in enumerate(settings.ground)]
     return np.asarray(off[0] | off[1] | off[2])

@@ -93,7 +93,7 @@ def _prepare(
         layers = [(clip_behind_eye(splats, camera), look) for splats, look in chosen]
         drawings = _prepare_layers(layers, camera, settings, wanted, meshes)
         names, count = [splats.name for splats, _ in layers], sum(len(splats) for splats, _ in layers)
-        background = None if settings.background is None else list(settings.background)
+        background = None if settings.ground is None else list(settings.ground)
         info = _provenance(layers[0][0], camera, drawings[0][1], "row1")
         return drawings, {**info, "background": background, "layers": names, "splats": count}
     splats, settings = layers[0]

@@ -20,7 +20,7 @@ from splatgl.readers.remote import is_address
 from splatgl.scene.draw import DrawOptions, depths_of, draw, draw_subject
 from splatgl.scene.meshes import VECTORS, MeshFile, Vectors
 from splatgl.scene.mixing import DISPLAY, LINEAR, MIXING, display_image, display_scene, display_settings
-from splatgl.scene.open_scene import OpenScene
+from splatgl.scene.open_scene import OpenScene, with_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import TransferChoice
 from splatgl.scene.view import ViewOptions
@@ -109,7 +109,8 @@ def render(
     that `Volume.masked` accepts, or several); meshes; annotate (names as on the command line); threshold, memory;
     unit (a number: the length that opacities refer to; text: the unit of an array's lengths); options of `load` or
     `Volume.of` (spacing, array, …); of a Scene or plotter `mixing`: "linear" light, or "display" values as VTK mixes
-    them. background: linear RGB, a name or "#rrggbb"; without one the image is transparent. `info["notes"]` lists the
+    them. background: linear RGB, a name, "#rrggbb" or "transparent"; by default white behind
+    surfaces and black behind glowing matter. `info["notes"]` lists the
     notes that the command prints about a file, and on options without effect. `render` does not compare the picture
     with the float64 reference; `check` does. Raises InputError for bad input, and if nothing is visible.
 
@@ -125,21 +126,17 @@ def render(
     return picture(x, scene, memory)
 
 
-def picture(x: Any, file: SceneFile, memory: int | None = None, needs_background: bool = False) -> Image:
-    """Draws a scene from `scene_of` with the shared renderer.
-
-    needs_background: draw a scene without a background on the default background.
-    """
-    drawing = DrawOptions(is_shared=True, memory=memory, check=0)
+def picture(x: Any, file: SceneFile, memory: int | None = None) -> Image:
+    """Draws a scene from `scene_of` with the shared renderer."""
+    drawing = DrawOptions(is_shared=True, memory=memory)
     if is_splats(x):
         if not len(x):
             raise expected("splats", "at least one", "none")
-        image = draw_subject(x, file.view.camera(x, x), file.settings, drawing)
+        image = draw_subject(x, file.view.camera(x, x), with_background(file.settings, x.shaded), drawing)
         info = {"version": __version__, "source": x.name, **({} if file.view.dpi is None else {"dpi": file.view.dpi})}
-        return Image(image.pixels, {**image.info, **info})
-    has_default = needs_background and "background" not in file.settings.given
-    scene = OpenScene.read(replace(file, auto_background=has_default))
-    return draw(scene, drawing).with_notes(scene.volume.notes)
+        return replace(image, info={**image.info, **info})
+    scene = OpenScene.read(file)
+    return draw(scene, drawing)
 
 
 def is_splats(x: Any) -> bool:
@@ -264,6 +261,7 @@ def view_of(
     scene = x if layers else Scene.of(x)
     view = camera or (Camera.orbit(scene, **{"azimuth": 30.0, "elevation": 20.0, **viewing}) if layers else None)
     base = replace(settings or (Settings() if layers else Settings.of(x)), **drawing)
+    base = with_background(base, scene.layers[0].faded.shading)
     return scene, view or Camera.of(x, viewing.get("size")), base, mixing
 
 
@@ -274,7 +272,7 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
     own picture.
     """
     scene, view, base, mixing = view_of(x, camera, settings, options)
-    layers, shared = scene is x, DrawOptions(is_shared=True, check=0)
+    layers, shared = scene is x, DrawOptions(is_shared=True)
     if mixing == DISPLAY and (layers or not BLENDS[base.blend].unbounded):
         image = draw_subject(display_scene(scene), view, display_settings(base), shared)
         image = display_image(image, base.background)

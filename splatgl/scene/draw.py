@@ -9,7 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
-from math import ceil, floor, isfinite, log10
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -222,7 +222,7 @@ def draw(scene: OpenScene, how: DrawOptions) -> Image:
             image = image.with_notes(no_effect(["memory"], why))
     if not (image.info["splats"] or image.info.get("triangles")):
         raise level.nothing_visible()
-    return finish(Image(image.pixels, {**image.info, **info}), scene)
+    return finish(replace(image, info={**image.info, **info}), scene)
 
 
 def finish(image: Image, scene: OpenScene) -> Image:
@@ -231,7 +231,8 @@ def finish(image: Image, scene: OpenScene) -> Image:
     print_lines([note for note in image.notes if note not in told], scene.is_quiet)
     dpi = scene.file.view.dpi
     on_paper = {} if dpi is None else {"dpi": dpi}
-    image = Image(image.pixels, {**image.info, **provenance_of(scene.file, scene.transfer), **on_paper})
+    image = replace(image, info={**image.info, **provenance_of(scene.file, scene.transfer), **on_paper})
+    image = image.with_notes(scene.volume.notes)
     return annotate(image, scene) if scene.file.annotate else image
 
 
@@ -252,7 +253,6 @@ def _choose_level(scene: OpenScene, how: DrawOptions) -> tuple[OpenScene, dict[s
 
 def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
     """Draws brick by brick a picture that needs more than --memory; None for others."""
-    from splatgl.reference.check import check_bricks
     from splatgl.splat.bricks import bricks_of, excess_need
 
     file = scene.file
@@ -277,12 +277,11 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
             print(renderer.plan(bricks.whole, scene.camera, scene.settings).explain())
         image = renderer.render_bricks(bricks, scene.camera, scene.settings, progress, bands=need.bands(bricks, most))
     image = image.with_notes(notes)
-    return check_bricks(image, bricks, scene.camera, scene.settings, how.check) if image.info["splats"] else image
+    return _compared(image, how) if image.info["splats"] else image
 
 
 def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, how: DrawOptions) -> Image:
     """Draws splats or layers, and compares the picture with float64; prints the output of --explain and --savings."""
-    from splatgl.reference.check import check as compare
     from splatgl.reference.check import check_input
     from splatgl.scene.shared_renderer import measure_savings
 
@@ -290,14 +289,22 @@ def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, ho
     with how.renderer() as renderer:
         if how.explain:
             print(renderer.plans(subject, camera, settings).explain())
-        image = renderer.render(subject, camera, settings)
-        if how.check is not None or how.check_field or image.info["error_bound"] is None:
-            image = compare(image, subject, camera, settings, how.check, how.check_field)
+        image = _compared(renderer.render(subject, camera, settings), how)
         if how.explain:
-            print(f"{accuracy(image)}, against the float64 reference of the same splats")
+            image = image.with_accuracy()
+            print(f"{replace(image, drawn=None).accuracy}, against the float64 reference of the same splats")
         if how.savings:
             print("\n".join(measure_savings(renderer, renderer.plans(subject, camera, settings).first)))
     return image
+
+
+def _compared(image: Image, how: DrawOptions) -> Image:
+    """The picture compared with float64 as --check and --field ask; without them on demand, with --check 0 never."""
+    from splatgl.reference.check import compare
+
+    if how.check == 0 and not how.check_field:
+        return replace(image, drawn=None)
+    return image if how.check is None and not how.check_field else compare(image, how.check, how.check_field)
 
 
 def print_lines(notes: Sequence[str], is_quiet: bool) -> None:
@@ -404,52 +411,3 @@ def duration(seconds: float) -> str:
     if seconds < 100:
         return f"{max(seconds, 1):.0f} s"
     return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60:02d} min"
-
-
-def accuracy(image: Image) -> str:
-    """Text on the error bound, the tolerance, and the comparison with float64."""
-    info = image.info
-    error, tolerance = info["error_bound"], info["tolerance"]
-    known = f"error bound {error:.3g}" if isinstance(error, float) else "no error bound"
-    missed = "not " if isinstance(error, float) else "not known to be "
-    text = f"{known}: the tolerance {tolerance:.3g} is {'' if info['tolerance_met'] else missed}met"
-    return f"{text}\n{compared(image)}" if isinstance(info.get("checked"), dict) else text
-
-
-def guarantee(checked: dict[str, Any], relative: str = "") -> str:
-    """The statement that follows from a comparison with float64. relative: to what, of sums."""
-    most = f"{_round_up(checked['largest'])}{relative}"
-    if checked["confidence"] == 1:
-        return f"no pixel is off by more than {most}"
-    above = checked["share_above_tolerance"]
-    text = f"with {100 * checked['confidence']:.0f} % confidence at most {_round_up(100 * checked['share'])} % of the "
-    text += f"pixels are off by more than {most}"
-    return text if above <= checked["share"] else f"{text}, {_round_up(100 * above)} % by more than the tolerance"
-
-
-def _round_up(number: float) -> str:
-    """Two digits of a number, rounded up."""
-    if number <= 0:
-        return "0"
-    step = 10.0 ** (floor(log10(number)) - 1)
-    return f"{ceil(round(number / step, 9)) * step:.2g}"
-
-
-def compared(image: Image) -> str:
-    """Text on the errors of compared pixels, to the reference and to the field, a line each."""
-    info = image.info
-    checked = info["checked"]
-    assert isinstance(checked, dict)
-    # sums have no largest possible value; annotations scale them
-    blend, scale = str(info["blend"]).partition(" ")[0], float(str(info.get("scale", 1.0)))
-    relative = f" of {image.pixels.max() / scale:.3g}" if BLENDS[blend].unbounded else ""
-    text = guarantee(checked, relative)
-    text += f": {'all ' * (checked['confidence'] == 1)}{checked['pixels']} drawn in float64"
-    if info.get("level"):
-        text += f", of level {info['level']}'s voxels"
-    text += f"; RMSE {checked['rmse']:.2g}, worst at {checked['worst'][0]}, {checked['worst'][1]}"
-    field = checked.get("field")
-    if field is None:
-        return text
-    field_text = f"off the field itself by up to {field['largest']:.2g}{relative}, RMSE {field['rmse']:.2g}"
-    return f"{text}\n{field_text}, in {field['pixels']} of these pixels"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from splatgl import __version__
 from splatgl.annotations.annotate import ROOM, check_size, with_time
 from splatgl.annotations.canvas import Scale, Subject
-from splatgl.data.color import Color
+from splatgl.data.color import AUTO
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
@@ -73,14 +73,8 @@ class OpenScene:
     def of(cls, file: SceneFile, volume: Volume, is_quiet: bool = True) -> OpenScene:
         """The scene of a file and its volume, which is in memory."""
         file, volume = cut_scene(file, volume)
-        transfer, settings = file.transfer_for(volume), file.settings
-        if file.auto_background and not BLENDS[settings.blend].unbounded:
-            # several channels glow
-            glows = len(volume.channels) > 1 and volume.points is None
-            glowing = replace(transfer, shading=False) if glows else transfer
-            background = BLACK if file.slices else default_background(glowing, settings)
-            file = replace(file, settings=replace(settings, background=background))
-        return cls(file, volume, transfer, is_quiet)
+        transfer = file.transfer_for(volume)
+        return cls(on_background(file, volume, transfer), volume, transfer, is_quiet)
 
     @cached_property
     def is_single(self) -> bool:
@@ -235,10 +229,25 @@ def cut_scene(file: SceneFile, volume: Volume) -> tuple[SceneFile, Volume]:
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
 
-def default_background(transfer: Transfer, settings: Settings) -> Color:
-    """Black behind what glows and behind values along rays, white behind shaded surfaces."""
-    surfaces = settings.shading == "on" or (settings.shading == "auto" and transfer.shading)
-    return WHITE if surfaces and settings.blend == "composite" else BLACK
+def on_background(file: SceneFile, volume: Volume, transfer: Transfer) -> SceneFile:
+    """The scene with the default background, unless it states one. volume, transfer: of its first layer."""
+    if file.slices and file.settings.background == AUTO:
+        return replace(file, settings=replace(file.settings, background=BLACK))
+    # several channels glow
+    glows = len(volume.channels) > 1 and volume.points is None
+    return replace(file, settings=with_background(file.settings, transfer.shading and not glows))
+
+
+def with_background(settings: Settings, is_lit: bool) -> Settings:
+    """The settings with the default background, unless they state one: black behind what glows and behind values along
+    rays, white behind shaded surfaces; none of sums. is_lit: whether the matter is shaded by default.
+    """
+    if settings.background != AUTO:
+        return settings
+    if BLENDS[settings.blend].unbounded:
+        return replace(settings, background=None)
+    surfaces = settings.shading == "on" or (settings.shading == "auto" and is_lit)
+    return replace(settings, background=WHITE if surfaces and settings.blend == "composite" else BLACK)
 
 
 def provenance_of(file: SceneFile, transfer: Transfer) -> dict[str, object]:

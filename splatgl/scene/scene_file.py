@@ -32,6 +32,7 @@ import numpy as np
 from splatgl.annotations.annotate import check, parse_annotations
 from splatgl.annotations.canvas import Measure
 from splatgl.data.affine import World
+from splatgl.data.color import CLEAR
 from splatgl.data.mask import OUTSIDE, parse_mask
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Hints, Volume
@@ -155,7 +156,6 @@ class SceneFile:
     volume: a built-in scene, file or address, or the name of the volume `held` in memory. layers: further volumes;
     their views and settings are ignored. title: its name in lists; "": the file's. annotate: names as for --annotate.
     animation: how movies move, by the keys ANIMATION.
-    auto_background: whether pictures have the background that suits their transfer function.
     world: frame and unit that the volume is converted to, if its file states others: those of a series.
     """
 
@@ -237,7 +237,6 @@ class SceneFile:
     animation: Mapping[str, Any] = field(default_factory=dict)
     measures: tuple[Measure, ...] = ()
     held: Volume | None = None
-    auto_background: bool = False
     world: World = World()
 
     def __post_init__(self) -> None:
@@ -426,7 +425,8 @@ class SceneFile:
 
         scene = self.with_paths(relative)
         camera = {name: getattr(self.view, name) for name in declared(self.view) if name in non_default(self.view)}
-        tables = {"camera": {**camera, "size": self.view.size}, "settings": self.settings.given}
+        settings = {name: CLEAR if value is None else value for name, value in self.settings.given.items()}
+        tables = {"camera": {**camera, "size": self.view.size}, "settings": settings}
         animation = {name: value for name, value in self.animation.items() if name != "keyframe"}
         lines = scene._lines("", {**tables, "vectors": non_default(self.vectors), "animation": animation})
         for row in self.animation.get("keyframe", ()):

@@ -284,7 +284,7 @@ class Moments:
         if "error_bound" in info:
             error = sum(bounds) / self.count if len(bounds) == self.count else None
             allowed = settings.tolerance * (max(float(mean.max()), 1e-30) if settings.blend == "xray" else 1.0)
-            info |= {"error_bound": error, "tolerance_met": error is not None and error <= allowed}
+            info |= {"error_bound": error, "tolerance_met": None if error is None else error <= allowed}
         return Image(mean, info)
 
     def _part(self, splats: Splats, camera: Camera, settings: Settings, part: int) -> Image:

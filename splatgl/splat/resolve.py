@@ -187,7 +187,7 @@ class Resolved:
             z_k=z_k,
             depths=depths,
             unsure=unsure,
-            background=settings.background,
+            background=settings.ground,
             tolerance=settings.tolerance,
             notes=tuple(notes),
             sheets=sheets,

@@ -443,7 +443,7 @@ def plan_scene(
         lit = with_shared_casters([replace(layer.resolved, allowed=allowed) for layer in plans], pairs)
         plans = tuple(replace(layer, resolved=resolved) for layer, resolved in zip(plans, lit, strict=True))
     notes = (*subject.notes, *unused_settings(plans, settings, bool(meshes), is_moving))
-    return ScenePlan(plans, meshes, notes, settings.background)
+    return ScenePlan(plans, meshes, notes, settings.ground)
 
 
 def count_layer_moments(
@@ -500,6 +500,6 @@ def join_pictures(pictures: Sequence[np.ndarray], settings: Settings) -> np.ndar
         return np.asarray(added)
     clear = np.prod([1.0 - picture[..., 3] for picture in pictures], axis=0)
     added[..., 3] = 1.0 - clear
-    if settings.background is not None:
-        added = added + clear[..., None] * np.array([*settings.background, 1.0], added.dtype)
+    if settings.ground is not None:
+        added = added + clear[..., None] * np.array([*settings.ground, 1.0], added.dtype)
     return np.asarray(added)

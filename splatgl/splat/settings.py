@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 
-from splatgl.data.color import BACKGROUNDS, CLEAR, Color, read_background
+from splatgl.data.color import AUTO, BACKGROUNDS, Color, read_background
 from splatgl.errors import expected
 from splatgl.options import (
     Group,
@@ -124,7 +124,7 @@ LEAST_SHEETS, MOST_SHEETS, MOST_STEPS = 2, 4, 8
 
 # the defaults of earlier versions
 LIKE: dict[str, dict[str, Any]] = {
-    "0.1": {"classification": "pre", "compositing": "splats", "antialias": "paper"},
+    "0.1": {"classification": "pre", "compositing": "splats", "antialias": "paper", "background": None},
     "0.2": {"kernel": FREE, "motion": "moments"},
     "0.3": {},
 }
@@ -138,12 +138,11 @@ _paper = partial(option, group=Group.PAPER, level="expert")
 _STRENGTH = Kind.number("a strength from 0 to 1", 0, 1, metavar="S")
 
 
-def _background(color: Any) -> Color | None:
-    if isinstance(color, str):
-        color = read_background(color)
-        if color == CLEAR:
-            return None
-    rgb = list(color) if isinstance(color, Iterable) and not isinstance(color, str) else []
+def _background(color: Any) -> Color | str | None:
+    color = read_background(color) if isinstance(color, str) else color
+    if color is None or isinstance(color, str):
+        return AUTO if color == AUTO else None
+    rgb = list(color) if isinstance(color, Iterable) else []
     if len(rgb) != 3 or not all(is_number(c) and 0 <= c <= 1 for c in rgb):
         raise ValueError
     return float(rgb[0]), float(rgb[1]), float(rgb[2])
@@ -160,8 +159,9 @@ def read_kernel(text: str) -> str:
 class Settings:
     """Settings of a picture; `splatgl/docs/settings.md` explains the values of each. Raises InputError for others.
 
-    sheets, steps, table_size, moments, z_s, light_from that are None follow from the other settings. background: None
-    (transparent) or linear RGB. clip: planes (n_x, n_y, n_z, d); what lies at n · x ≥ d of each is drawn, world units.
+    sheets, steps, table_size, moments, z_s, light_from that are None follow from the other settings. background: linear RGB,
+    None (transparent), or "auto", which a `Renderer` leaves transparent. clip: planes (n_x, n_y, n_z, d); what lies at
+    n · x ≥ d of each is drawn, world units.
 
     ```python
     settings = sg.Settings(light="glossy", background="#203040")
@@ -308,15 +308,15 @@ class Settings:
         Kind.number("a number in (0, 1]", 0, 1, above=True, metavar="E"),
         "largest allowed error of a colour in linear light, up to 1 (default 1/255)",
     )
-    background: Color | None = _picture(
-        None,
+    background: Color | str | None = _picture(
+        AUTO,
         Kind(
             "three linear numbers from 0 to 1, or a colour such as black",
             _background,
             read_background,
             "COLOUR",
             written=BACKGROUNDS,
-            hint="str | Numbers",
+            hint="str | Numbers | None",
         ),
         "auto, transparent, #rrggbb or a CSS name. auto: white behind surfaces, else black",
         level="basic",
@@ -336,6 +336,13 @@ class Settings:
     def strengths(self) -> tuple[float | None, ...]:
         """Strengths of ambient, diffuse and specular light; None: the light's."""
         return self.ambient, self.diffuse, self.specular
+
+    @property
+    def ground(self) -> Color | None:
+        """The background of the picture of a renderer, linear RGB. None: transparent, as "auto" is before it is chosen
+        for a scene.
+        """
+        return None if isinstance(self.background, str) else self.background
 
     @property
     def given(self) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.scene.meshes import MeshFile, Vectors, read_meshes, source_key, styled_mesh, surfaces_of
-from splatgl.scene.open_scene import channel_layers, cut_scene, is_layered, open_layer, print_notes
+from splatgl.scene.open_scene import channel_layers, cut_scene, is_layered, on_background, open_layer, print_notes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import faint_share
 from splatgl.scene.view import FOV, ViewOptions
@@ -89,7 +89,9 @@ class Document:
     def placeholder(cls, scene: SceneFile) -> Document:
         """Placeholder document while a file loads."""
         volume = Volume(np.zeros((2, 2, 2), np.uint8), name=Path(scene.volume).name)
-        plain = replace(scene, view=ViewOptions(), settings=Settings(), transfer={}, layers=(), meshes=())
+        plain = replace(
+            scene, view=ViewOptions(), settings=Settings(background=None), transfer={}, layers=(), meshes=()
+        )
         plain = replace(plain, slice_planes=(), crop="", clip=None)
         transfer = Transfer([(0, 0.0), (1, 0.5)])
         layer = LayerSplats(volume.name, plain, (volume,) * len(STRIDES), transfer)
@@ -115,6 +117,7 @@ class Document:
         # refuses a bad one
         Movie.of(scene.animation, volume)
         pairs = _channels(scene, volume, scene.settings, None, folds_opacity=not is_layered(scene, volume))
+        scene = on_background(scene, volume, pairs[0][1].base)
         for source in scene.layers:
             pairs += read_layer(source, scene, quiet)
         layers = tuple(layer for layer, _ in pairs)
@@ -289,7 +292,7 @@ class Document:
 
     def with_settings(self, scene: SceneFile) -> Document:
         """The document with the settings of a scene, which differs in them alone, and with its planes."""
-        settings = scene.cut(self.volume).settings
+        settings = on_background(scene.cut(self.volume), self.volume, self.styles[0].base).settings
         return replace(self, scene=replace(self.scene, settings=settings)).for_settings(settings)
 
     def for_settings(self, settings: Settings, moving: bool = False) -> Document:

@@ -171,6 +171,6 @@ def _bound(info: Mapping[str, object]) -> list[str]:
     lines = [f"error at most {bound:.2g}"] if isinstance(bound, float) else []
     if isinstance(dropped, float) and dropped > 0:
         lines.append(f"the threshold dropped an optical depth of up to {dropped:.2g}")
-    if info.get("tolerance_met") is False:
+    if "tolerance_met" in info and not info["tolerance_met"]:
         lines.append("the tolerance could not be kept" if isinstance(bound, float) else "its error has no known bound")
     return lines

@@ -320,7 +320,9 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
     def _ipython_display_(self) -> None:
         """Displays a picture for pages without widgets, as nbconvert makes them, and the widget, which hides it."""
         image = self.image
-        jpeg, png = (b64encode(data).decode() for data in (image.encoded(Path("still.jpg")), image._repr_png_()))
+        jpeg, png = (
+            b64encode(data).decode() for data in (image.encoded(Path("still.jpg"), 8, BLACK), image._repr_png_())
+        )
         self.still = f"data:image/jpeg;base64,{jpeg}"
         html = f'<img class="splatgl-still" alt="" src="{self.still}">'
         display({"text/html": html, "image/png": png, "text/plain": ""}, raw=True)

@@ -25,7 +25,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import OF_POINTS
 from splatgl.splat.camera import Camera
 from splatgl.splat.scene import Scene
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.viewer.commands import Copy
 from splatgl.viewer.document import Document
@@ -212,8 +212,7 @@ def _save_picture(state: State, document: Document, draw: Draw, target: Path, ad
         raise expected("picture", "splats that fit into memory", "too many", f"save the scene: {RENDERED}")
     scene = scene_of(state, document, on_paper=False)
     document = document.with_styles(state.styles, state.mesh_files, state.settings)
-    background = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
-    add(render_scene(scene, document, draw)).save(target, background=background)
+    add(render_scene(scene, document, draw)).save(target)
     return f"saved {target.name}"
 
 

@@ -57,11 +57,11 @@ def show(
             return View(Session(scene))
         if not is_splats(x):
             print('for a view that the mouse turns: pip install "splatgl[notebook]"')
-        return picture(x, scene, memory, needs_background=True)
+        return picture(x, scene, memory)
     if not is_splats(x) and has_display():
         _window(scene, "size" in options or camera is not None)
         return None
-    image = picture(x, scene, memory, needs_background=True)
+    image = picture(x, scene, memory)
     print('no display: save the picture by image.save("picture.png")')
     return image
 

@@ -41,7 +41,7 @@ def finish(image: Image, x: Any, background: Color | None) -> Image:
     for prop in items(renderer_of(x).GetViewProps()):
         if prop.GetVisibility():
             _draw(canvas, prop, renderer_of(x))
-    return Image(canvas.pixels + (1 - canvas.pixels[..., 3:]) * pixels, info)
+    return replace(image, pixels=canvas.pixels + (1 - canvas.pixels[..., 3:]) * pixels, info=info)
 
 
 def _gray_sums(pixels: np.ndarray, background: Color | None) -> np.ndarray:

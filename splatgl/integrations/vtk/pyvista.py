@@ -14,6 +14,7 @@ from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.integrations.vtk.image_data import image_data, import_pyvista, poly_data
 from splatgl.integrations.vtk.properties import property_of, vtk_plane
+from splatgl.scene.open_scene import with_background
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
 from splatgl.splat.colormaps import paint_vertices
@@ -33,7 +34,7 @@ def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, o
     """pyvista.Plotter of a scene; see `Scene.to_pyvista`."""
     pyvista = import_pyvista("Scene.to_pyvista")
     camera = camera or Camera.orbit(scene, AZIMUTH, ELEVATION)
-    settings = settings or Settings()
+    settings = with_background(settings or Settings(), scene.layers[0].faded.shading)
     if settings.blend not in VTK_BLENDS:
         raise expected("blend", f"one that VTK has: {', '.join(VTK_BLENDS)}", settings.blend)
     plotter = pyvista.Plotter(**{"window_size": list(camera.size), "lighting": "none", **options})
@@ -49,8 +50,8 @@ def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, o
         look = {"scalars": "colors", "rgb": True} if mesh.colors is not None else {"color": color}
         shares = {"ambient": light.ambient, "diffuse": light.diffuse, "specular": light.specular}
         plotter.add_mesh(poly_data(mesh), opacity=mesh.opacity, reset_camera=False, **look, **shares)
-    if settings.background is not None:
-        plotter.set_background(srgb_from_linear(np.array(settings.background)).tolist())
+    if settings.ground is not None:
+        plotter.set_background(srgb_from_linear(np.array(settings.ground)).tolist())
     plotter.camera = camera_of(camera, scene.corners)
     plotter.renderer.ResetCameraClippingRange()
     return plotter

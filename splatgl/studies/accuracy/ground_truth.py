@@ -242,9 +242,9 @@ class Truths:
             field = on_grid(self.subject.formula, volume)
         drawn = field_integral(volume, transfer, fine, field, self.level.steps)
         pixels = pixel_means(drawn.pixels, rays)
-        if settings.background is None:
+        if settings.ground is None:
             return pixels
-        return np.asarray(pixels + (1 - pixels[..., 3:]) * np.array([*settings.background, 1.0]))
+        return np.asarray(pixels + (1 - pixels[..., 3:]) * np.array([*settings.ground, 1.0]))
 
     def _sampled(self, settings: Settings, samples: int) -> np.ndarray:
         exact = settings.but(

@@ -93,7 +93,7 @@ def _check(volume: Volume, transfer: Transfer, camera: Camera, settings: Setting
         (volume.color is None, "colours by value", "colours per voxel"),
         (not transfer.needs_gradients, "opacities by value", "opacities by gradient"),
         (camera.perspective, "perspective", "parallel rays"),
-        (settings.background is None, "no background", "a background"),
+        (settings.ground is None, "no background", "a background"),
     ):
         if not fine:
             raise expected("peers", this, got)

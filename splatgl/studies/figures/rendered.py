@@ -374,7 +374,7 @@ class RenderedFigure:
 
     def settings(self, variant: int, blend: str = "composite") -> Settings:
         """Settings of one of the four variants, by number; the rest are the scene's."""
-        ground = self.scene.settings.background or self.figure.background
+        ground = self.scene.settings.ground or self.figure.background
         changes = {"classification": "auto", "antialias": ANTIALIAS[variant % 2], "blend": blend, "background": ground}
         return Settings.like("0.1", **{**self.scene.settings.given, **changes})
 
@@ -404,7 +404,7 @@ def picture(shown: RenderedFigure) -> np.ndarray:
         pictures = [
             shown.drawer(v, shown.track)(shown.splats, camera, shown.settings(v)).pixels for v in shown.variants
         ]
-    rows = _content_rows(pictures, shown.settings(0).background or BLACK)
+    rows = _content_rows(pictures, shown.settings(0).ground or BLACK)
     line = None
     if not figure.spin:
         dots = slice(rows.start * figure.times, rows.stop * figure.times)
