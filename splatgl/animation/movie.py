@@ -24,6 +24,8 @@ CODECS: dict[str, tuple[str, str, dict[str, str]]] = {
     ".mp4": ("mp4", "libx264", {"crf": "16", "preset": "medium"}),
     ".webm": ("webm", "libvpx-vp9", {"crf": "24", "b:v": "0", "row-mt": "1", "deadline": "good", "cpu-used": "4"}),
 }
+# without random numbers, and threads of an encoder, whose number is in the file and changes it
+EXACT, THREADS = {"fflags": "+bitexact"}, 4
 # chroma at half resolution, which all players support
 PIXELS = "yuv420p"
 # GIF delays are in hundredths of a second, of 10 ms; browsers keep to 20 ms and more
@@ -68,7 +70,7 @@ def _write_video(
 ) -> None:
     av = _library()
     form, codec, options = CODECS[suffix]
-    with av.open(str(part), "w", format=form) as container:
+    with av.open(str(part), "w", format=form, options=EXACT) as container:
         stream: Any = None
         for shown in _frames(pictures, ground):
             # chroma subsampling requires even sides
@@ -77,6 +79,7 @@ def _write_video(
                 stream = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001))
                 stream.height, stream.width = shown.shape[:2]
                 stream.pix_fmt, stream.options = PIXELS, options
+                stream.codec_context.thread_count = THREADS
             container.mux(stream.encode(av.VideoFrame.from_ndarray(shown, format="rgb24")))
         container.mux(stream.encode(None))
 

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.cli.options import add_drawing, add_source, scene_from
+from splatgl.data.color import AUTO, CLEAR
 from splatgl.errors import expected
 from splatgl.fileio import check_folder
+from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.adaptive_quality import TARGET
 from splatgl.viewer.show import open_window, start_reading
 
@@ -55,6 +57,12 @@ class ListBindings(argparse.Action):
         parser.exit()
 
 
+def _scene(args: argparse.Namespace) -> SceneFile:
+    """The scene of a command's options; a ground is seen behind a picture that states no background."""
+    scene = scene_from(args)
+    return scene.with_options(background=CLEAR) if args.ground and scene.settings.background == AUTO else scene
+
+
 def run(args: argparse.Namespace) -> int:
     """Opens the window; returns 0 once it is closed."""
     folder = Path(args.folder)
@@ -66,8 +74,8 @@ def run(args: argparse.Namespace) -> int:
         from splatgl.viewer.key_bindings import load_bindings
 
         commands = load_bindings(args.bindings)
-    scene = scene_from(args)
-    files = start_reading(scene, args.source if args.watch else "", lambda: scene_from(args))
+    scene = _scene(args)
+    files = start_reading(scene, args.source if args.watch else "", lambda: _scene(args))
     # imported late: bad input is reported at once
     from splatgl.viewer.display import Options
 

@@ -82,23 +82,9 @@ class Image:
         """The error against float64, computed when it is asked for first: of 60 random pixels, or 10 of a volume in
         bricks, unless `sg.check` or the file has compared others. They are the same in each run.
         """
-        from splatgl.reference.check import compare
+        from splatgl.reference.check import accuracy_of
 
-        info = self.info
-        image = self if isinstance(info.get("checked"), dict) or self.drawn is None else compare(self)
-        checked, known = image.info.get("checked"), [info.get(name) for name in ("error_bound", "tolerance")]
-        bound, tolerance = (float(value) if isinstance(value, int | float) else None for value in known)
-        met, level = info.get("tolerance_met"), info.get("level")
-        # annotations scale sums
-        scale = float(str(info.get("scale", 1.0)))
-        return Accuracy(
-            bound,
-            tolerance,
-            met if isinstance(met, bool) else None,
-            checked if isinstance(checked, dict) else None,
-            float(self.pixels.max()) / scale if self._is_sum else None,
-            level if isinstance(level, int) else 0,
-        )
+        return accuracy_of(self)
 
     def with_accuracy(self) -> Image:
         """The image with info["checked"] of its `accuracy`, unless its error has a bound or is compared already."""
@@ -156,7 +142,7 @@ class Image:
         if ending in EXR:
             return encode_exr(self.pixels, info)
         if ending in JPEG:
-            samples = self._samples(info, 8, background or (BLACK if self._is_sum else None))
+            samples = self._samples(info, 8, background or (BLACK if self.is_sum else None))
             if (samples[..., 3] < 255).any():
                 fix = "name a background, or save it as .png"
                 raise expected(name, "an opaque picture", "transparent pixels", fix)
@@ -240,13 +226,14 @@ class Image:
         return self.encoded(Path("image.png"))
 
     @property
-    def _is_sum(self) -> bool:
+    def is_sum(self) -> bool:
+        """Whether the pixels are sums without a largest value."""
         return str(self.info.get("blend")).partition(" ")[0] == "xray"
 
     @property
     def _ground(self) -> tuple[float, float, float] | None:
         """The background of an X-ray, whose pixels do not hold it; None for other images."""
-        ground = self.info.get("background") if self._is_sum else None
+        ground = self.info.get("background") if self.is_sum else None
         return (float(ground[0]), float(ground[1]), float(ground[2])) if isinstance(ground, list | tuple) else None
 
     def _samples(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> np.ndarray:

@@ -20,6 +20,7 @@ from zlib import crc32
 
 import numpy as np
 
+from splatgl.data.accuracy import Accuracy
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.reference.field import kept_field_integral
@@ -101,6 +102,26 @@ def compare(image: Image, amount: int | float | None = None, field: bool = False
     elif subject is not None:
         drawn = check(drawn, subject, camera, settings, amount, field)
     return replace(image, info=drawn.info)
+
+
+def accuracy_of(image: Image) -> Accuracy:
+    """The error of a picture by its provenance, and by pixels, which are compared now unless they were before."""
+    info = image.info
+    known = [info.get(name) for name in ("error_bound", "tolerance")]
+    bound, tolerance = (float(value) if isinstance(value, int | float) else None for value in known)
+    met, level = info.get("tolerance_met"), info.get("level")
+    checked = info.get("checked")
+    checked = checked if isinstance(checked, dict) else compare(image).info.get("checked")
+    # annotations scale sums
+    brightest = float(image.pixels.max()) / float(str(info.get("scale", 1.0))) if image.is_sum else None
+    return Accuracy(
+        bound,
+        tolerance,
+        met if isinstance(met, bool) else None,
+        checked if isinstance(checked, dict) else None,
+        brightest,
+        level if isinstance(level, int) else 0,
+    )
 
 
 def check_bricks(

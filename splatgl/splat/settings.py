@@ -159,9 +159,9 @@ def read_kernel(text: str) -> str:
 class Settings:
     """Settings of a picture; `splatgl/docs/settings.md` explains the values of each. Raises InputError for others.
 
-    sheets, steps, table_size, moments, z_s, light_from that are None follow from the other settings. background: linear RGB,
-    None (transparent), or "auto", which a `Renderer` leaves transparent. clip: planes (n_x, n_y, n_z, d); what lies at
-    n · x ≥ d of each is drawn, world units.
+    sheets, steps, table_size, moments, z_s, light_from that are None follow from the other settings. background: linear
+    RGB, None (transparent) or "auto", which a `Renderer` leaves transparent. clip: planes (n_x, n_y, n_z, d); what lies
+    at n · x ≥ d of each is drawn, world units.
 
     ```python
     settings = sg.Settings(light="glossy", background="#203040")

@@ -307,9 +307,10 @@ def with_threshold(state: State, threshold: float) -> State:
 
 
 def _ground(state: State, document: Document) -> State:
-    color, names = state.settings.background, (*GROUNDS, *COLORS)
+    color, names = state.settings.ground, (*GROUNDS, *COLORS)
     colors = {name: tuple(map(float, linear_from_srgb(np.array(rgb)))) for name, rgb in COLORS.items()}
-    now = state.ground if color is None else next((name for name, rgb in colors.items() if rgb == color), names[-1])
+    known = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0), **colors}
+    now = state.ground if color is None else next((name for name, rgb in known.items() if rgb == color), names[-1])
     name = _next(names, now)
     ground = state.ground if name in COLORS else name
     settings = state.settings.but(background=colors.get(name))

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from splatgl.annotations.text import Overlay, Path, Text, draw_overlay, text_box
+from splatgl.data.color import Color
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen, ScreenStyle
 from splatgl.splat.camera import Camera
@@ -110,7 +111,7 @@ COLUMN = 0.45
 NARROW = 200.0
 # pixels at a content scale of 1 that annotations take at the top of these
 BELOW = 110.0
-# smallest opacity of a visible pixel, and largest share of visible pixels that a text may cover
+# smallest difference of a visible pixel from its background, and largest share of visible pixels that a text may cover
 SEEN, COVERED = 0.02, 0.02
 # images with a side of more than n × ENOUGH pixels are compared with their preview at every (n + 1)-th pixel
 ENOUGH = 1000
@@ -236,21 +237,19 @@ class FrameRenderer:
 
     def _free(self, text: Text, state: State, scale: float) -> str:
         """A corner where a text covers no visible pixels and no axes; "" if there is none."""
-        size = state.pose.camera.size
+        size, ground = state.pose.camera.size, _ground_of(state)
+        empty = np.zeros(4) if ground is None else np.array([*ground, 1.0])
         down, across = self.pixels.shape[0] / size[1], self.pixels.shape[1] / size[0]
         for corner in ("top left",) if "axes" in state.annotate else ("top left", "bottom left"):
             left, top, right, bottom = text_box(replace(text, corner=corner), size, scale)
-            part = self.pixels[
-                int(top * down) : int(bottom * down) + 1, int(left * across) : int(right * across) + 1, 3
-            ]
-            if not part.size or float((part > SEEN).mean()) < COVERED:
+            part = self.pixels[int(top * down) : int(bottom * down) + 1, int(left * across) : int(right * across) + 1]
+            if not part.size or float((np.abs(part - empty) > SEEN).any(axis=2).mean()) < COVERED:
                 return corner
         return ""
 
     def look(self, state: State, reference: Reference) -> ScreenStyle:
         """Current display mode; uploads the reference if there is one."""
-        xray = BLENDS[state.settings.blend].unbounded
-        background = None if xray else state.settings.background
+        background = _ground_of(state)
         scale = _scale(state.settings, self.pixels)
         overlay = self.overlay
         written = overlay is not None and bool(overlay.texts or overlay.paths or self.overlay_beside)
@@ -352,3 +351,8 @@ def _column(size: tuple[int, int], scale: float) -> int:
 
 def _wrap(text: str, width: int) -> list[str]:
     return textwrap.wrap(text, width) or [""]
+
+
+def _ground_of(state: State) -> Color | None:
+    """The background that the pixels hold."""
+    return None if BLENDS[state.settings.blend].unbounded else state.settings.ground

@@ -102,8 +102,8 @@ def _spans(full: np.ndarray) -> list[tuple[int, int]]:
 
 def background_of(state: State) -> Color:
     """The background of the picture, linear RGB."""
-    if state.settings.background is not None:
-        return state.settings.background
+    if state.settings.ground is not None:
+        return state.settings.ground
     return {"white": WHITE, "checks": (GREY, GREY, GREY)}.get(state.ground, BLACK)
 
 

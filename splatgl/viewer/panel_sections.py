@@ -295,7 +295,7 @@ def _over(state: State, document: Document, widgets: CommandWidgets) -> State:
 def _ground(state: State) -> State:
     """Background of the picture."""
     names = [*GROUNDS, "a colour"]
-    has_color = state.settings.background is not None
+    has_color = state.settings.ground is not None
     changed, chosen = imgui.combo(
         label_left("background"), len(GROUNDS) if has_color else GROUNDS.index(state.ground), names
     )
@@ -304,7 +304,7 @@ def _ground(state: State) -> State:
     if changed:
         return replace(state, settings=state.settings.but(background=background_of(state)))
     if has_color:
-        coded = srgb_from_linear(np.array(state.settings.background))
+        coded = srgb_from_linear(np.array(state.settings.ground))
         changed, color = imgui.color_edit3("colour", list(map(float, coded)))
         if changed:
             linear = linear_from_srgb(np.clip(np.array(color), 0.0, 1.0))

@@ -39,7 +39,7 @@ def movie_scene(state: State, document: Document, times: Sequence[SceneFile]) ->
     """
     movie, scene = state.movie, scene_of(state, document)
     movie.check()
-    background = background_of(state) if state.ground != "checks" else state.settings.background
+    background = background_of(state) if state.ground != "checks" else state.settings.ground
     view = movie.keyframes[0].view if movie.motion == "keyframes" else state.pose.view()
     view = replace(view, size=movie.size or state.pose.camera.size, fit=scene.view.fit)
     annotate, more, shown = scene.annotate, [], times[state.time : state.time + 1]

@@ -56,7 +56,7 @@ def test_files_hold_the_dots_per_inch(tmp_path: Path) -> None:
     assert density_of(image.encoded(Path("a.png"))) == (11811, 11811, 1)
     assert b"pHYs" not in picture().encoded(Path("a.png"))
     for name in ("a.png", "a.jpg"):
-        image.save(tmp_path / name)
+        image.save(tmp_path / name, background=(1.0, 1.0, 1.0))
         assert np.allclose(Pillow.open(tmp_path / name).info["dpi"], 300, atol=0.01)
     tifffile = pytest.importorskip("tifffile", reason="tifffile is in the extra readers")
     tags = tifffile.TiffFile(io.BytesIO(image.encoded(Path("a.tif")))).pages[0].tags

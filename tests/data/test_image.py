@@ -164,7 +164,12 @@ def test_jpeg_is_on_the_background(tmp_path: Path) -> None:
 
     half = np.zeros((16, 16, 4), np.float32)
     half[..., 0] = half[..., 3] = 0.5
-    for ground, linear in ((None, (0.5, 0, 0)), ((1.0, 1.0, 1.0), (1.0, 0.5, 0.5))):
+    with pytest.raises(
+        sg.InputError, match=r"a\.jpg: expected an opaque picture, got transparent pixels; name a background"
+    ):
+        sg.Image(half).save(tmp_path / "a.jpg")
+    assert not (tmp_path / "a.jpg").exists()
+    for ground, linear in (((0.0, 0.0, 0.0), (0.5, 0, 0)), ((1.0, 1.0, 1.0), (1.0, 0.5, 0.5))):
         sg.Image(half, {"n": "é"}).save(tmp_path / "a.jpg", background=ground)
         with Pillow.open(tmp_path / "a.jpg") as shown:
             assert shown.mode == "RGB" and b'"n"' in shown.info["comment"]

@@ -31,7 +31,7 @@ LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 # Methods that accept or return objects of a higher room or of other libraries import them when called, or as types.
 FACADES = {
     "data/arrays.py": {"readers"},
-    "data/image.py": {"splat"},
+    "data/image.py": {"reference", "splat"},
     "data/mask.py": {"readers"},
     "data/mesh.py": {"integrations"},
     "data/volume.py": {"integrations", "writers"},

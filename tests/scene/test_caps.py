@@ -211,6 +211,8 @@ def write_ball(folder: Path) -> str:
 
 
 OPTIONS = [
+    "--background",
+    "transparent",
     "--clip",
     "y>0.52",
     "--size",
@@ -234,6 +236,7 @@ def test_command_line_scene_file_python_and_window_agree(tmp_path: Path, rendere
         drawn[caps] = np.load(out)
     assert np.abs(drawn["plain"] - drawn["volume"]).max() > 0.2 < np.abs(drawn["plain"] - drawn[""]).max()
     look = {"points": [(0, 0), (24, 0)], "colormap": "viridis", "size": 48, "clip": "y>0.52"}
+    look["background"] = "transparent"
     mesh = sg.load_mesh(ball, "#ff6347")
     assert np.array_equal(sg.render(source, **look, meshes=mesh, caps="volume").pixels, drawn["volume"])
     scene = SceneFile(source).with_options(**look, meshes=MeshFile(ball, "tomato"), caps="volume")

@@ -245,8 +245,9 @@ def test_the_table_has_every_keyword() -> None:
 
 @pytest.mark.parametrize("x", [field(), volume()], ids=["array", "volume"])
 def test_a_number_is_the_length_that_opacities_refer_to(x: Any) -> None:
-    first, thin = (sg.render(x, size=SIZE, unit=unit).pixels for unit in (1.2, 6.0))
-    right = sg.render(x, size=SIZE, transfer={"unit": 6.0}).pixels
+    view: Any = {"size": SIZE, "background": "transparent"}
+    first, thin = (sg.render(x, **view, unit=unit).pixels for unit in (1.2, 6.0))
+    right = sg.render(x, **view, transfer={"unit": 6.0}).pixels
     assert np.array_equal(thin, right) and thin[..., 3].mean() < 0.8 * first[..., 3].mean()
     near, far = (sg.depth_map(x, size=SIZE, unit=unit) for unit in (1.2, 6.0))
     assert np.isfinite(far).sum() < np.isfinite(near).sum()

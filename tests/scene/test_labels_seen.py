@@ -59,7 +59,7 @@ def test_labels_are_seen_through_a_volume(renderer: sg.Renderer) -> None:
         scale = size // 32
         labels = labels_in().repeat(scale, 0).repeat(scale, 1).repeat(scale, 2)
         scene = SceneFile("body", held=volume, view=ViewOptions(SIZE, zoom=1.3), transfer=options)
-        drawn = OpenScene.read(scene.with_options(labels=labels))
+        drawn = OpenScene.read(scene.with_options(labels=labels, background="transparent"))
         picture = renderer.render(drawn.subject, drawn.camera, drawn.settings).pixels
         hidden = sg.Scene(drawn.scene.layers[:1])
         without = renderer.render(hidden, drawn.camera, drawn.settings).pixels

@@ -153,7 +153,9 @@ def test_planes_cut_meshes_that_are_to_be_cut(renderer: sg.Renderer) -> None:
     assert sg.pick(sg.Scene(layers, "x>0.5", [cut]), camera, (5, 10)) is None
     found = sg.depth_map(volume, CLEAR, camera, settings, meshes=[cut])
     assert np.isnan(found[10, 5]) and found[10, 15] == pytest.approx(9 - (11.5 - 60))
-    image = sg.render(volume, CLEAR, camera, UNLIT, meshes=[wall], clip="x>0.5", clip_meshes=True).pixels[10, :, 3]
+    image = sg.render(
+        volume, CLEAR, camera, UNLIT.but(background=None), meshes=[wall], clip="x>0.5", clip_meshes=True
+    ).pixels[10, :, 3]
     assert (image == (np.arange(20) >= 10)).all()
 
 
@@ -254,7 +256,7 @@ def test_scene_files_and_commands(tmp_path: Path, capsys: pytest.CaptureFixture[
     opened = mesh.open()
     assert opened.clipped and opened.window == (1.0, 4.0) and Scale.of([opened]) == (Scale("hot", 1.0, 4.0, "b"),)
     out = tmp_path / "o.npy"
-    options = ["-o", str(out), "--size", "96", "--check", "0", "--quiet"]
+    options = ["-o", str(out), "--size", "96", "--check", "0", "--quiet", "--background", "transparent"]
     assert main(["render", source, *options]) == 0
     plain = np.load(out)
     assert main(["render", source, "--annotate", "colorbar", *options]) == 0

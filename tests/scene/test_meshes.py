@@ -275,7 +275,8 @@ def test_meshes_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     shown = far[20, 30] == far
     # 24 × 16 world units, of which the box takes all and 10
     assert shown[8:32].all() and not np.isfinite(far[:7]).any()
-    alone = sg.render(tmp_path / "a.stl", size=(60, 40), orthographic=True, height=16.0, azimuth=0.0, elevation=0.0)
+    view: Any = {"size": (60, 40), "orthographic": True, "height": 16.0, "azimuth": 0.0, "elevation": 0.0}
+    alone = sg.render(tmp_path / "a.stl", **view, background="transparent")
     assert alone.pixels[20, 30, 3] == pytest.approx(1) and not alone.pixels[:7].any()
     assert np.ptp(picture[10:30, 5:55], axis=(0, 1)).max() < 1e-5
     assert (
