@@ -121,6 +121,17 @@ def by_workers(draft: Draft) -> Drawn:
     return by_command(draft, "--workers", "1")
 
 
+def files_of(draft: Draft) -> dict[str, bytes]:
+    """The bytes of a saved PNG, by door. Raises InputError as the doors."""
+    target, source = draft.folder / "file.png", scene_path(draft)
+    sg.render(source).save(target)
+    found = {"Python": target.read_bytes()}
+    for name, output in (("command", target), ("batch", draft.folder / "{name}.png")):
+        command("render", source, "-o", output, "--quiet")
+        found[name] = (target if name == "command" else draft.folder / "scene.png").read_bytes()
+    return found
+
+
 # --- Python from arrays -----------------------------------------------------------------------------------------------
 
 
