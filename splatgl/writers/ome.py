@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
+from uuid import NAMESPACE_OID, uuid5
 
 import numpy as np
 
@@ -49,6 +50,8 @@ def write_tiff(path: Path, content: Content) -> None:
         metadata["Channel"] = {"Name": [channel.name for channel in volume.channels], "Color": numbers}
         if not any(channel.hints.color for channel in volume.channels):
             del metadata["Channel"]["Color"]
+    # tifffile's own holds the time and the machine's address
+    metadata["UUID"] = uuid5(NAMESPACE_OID, repr((shape, content.dtype.str, metadata))).urn
     is_big = math.prod(shape) * content.dtype.itemsize > _BIG
     tifffile.imwrite(
         path,

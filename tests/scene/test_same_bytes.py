@@ -70,6 +70,16 @@ def test_two_runs_write_the_same(suffix: str, pass_a_year: Any) -> None:
     assert content(f"a{suffix}") == content(f"b{suffix}")
 
 
+@pytest.mark.parametrize("suffix", [".nii.gz", ".nrrd", ".mha", ".ome.tif", ".npy"])
+def test_two_runs_convert_to_the_same(suffix: str, pass_a_year: Any) -> None:
+    if suffix == ".ome.tif":
+        pytest.importorskip("tifffile")
+    command("convert", "ball.npy", f"a{suffix}")
+    pass_a_year()
+    command("convert", "ball.npy", f"b{suffix}")
+    assert content(f"a{suffix}") == content(f"b{suffix}")
+
+
 @pytest.mark.parametrize("suffix", [".gif", ".mp4", ".webm"])
 def test_two_runs_write_the_same_movie(suffix: str, pass_a_year: Any) -> None:
     if suffix in LIBRARIES:
