@@ -132,7 +132,7 @@ class Image:
     def encoded(self, name: Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> bytes:
         """The bytes that `save` writes into a file of that name."""
         ending, info = name.suffix.lower(), reproducible(self.info)
-        background = self._ground if background is None else background
+        background = self.ground if background is None else background
         if ending not in SAVED:
             raise expected(name, f"a name that ends in {' or '.join(SAVED)}", repr(name.suffix))
         if ending == ".npy":
@@ -185,7 +185,7 @@ class Image:
 
     def rounded(self, bits: int = 8, background: tuple[float, float, float] | None = None) -> Image:
         """The image after a round trip through a PNG of `bits` (8 or 16) on `background`, without writing one."""
-        info, ground = dict(self.info), self._ground if background is None else background
+        info, ground = dict(self.info), self.ground if background is None else background
         return Image(_linear_pixels(self._samples(info, bits, ground)), info, bits=bits)
 
     def straight(self) -> np.ndarray:
@@ -209,7 +209,7 @@ class Image:
 
     def samples8(self, background: tuple[float, float, float] | None = None) -> np.ndarray:
         """uint8 [H, W, 4], sRGB with straight alpha, as `save` writes them."""
-        return self._samples(dict(self.info), 8, self._ground if background is None else background)
+        return self._samples(dict(self.info), 8, self.ground if background is None else background)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         """The pixels, for `np.asarray(image)`."""
@@ -231,8 +231,8 @@ class Image:
         return str(self.info.get("blend")).partition(" ")[0] == "xray"
 
     @property
-    def _ground(self) -> tuple[float, float, float] | None:
-        """The background of an X-ray, whose pixels do not hold it; None for other images."""
+    def ground(self) -> tuple[float, float, float] | None:
+        """The background of an X-ray, linear RGB, which its pixels do not hold; None for other images."""
         ground = self.info.get("background") if self.is_sum else None
         return (float(ground[0]), float(ground[1]), float(ground[2])) if isinstance(ground, list | tuple) else None
 

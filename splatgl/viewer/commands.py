@@ -11,10 +11,11 @@ import numpy as np
 
 from splatgl.annotations.annotate import ANNOTATIONS, default_names
 from splatgl.annotations.canvas import Annotation, Subject
-from splatgl.data.color import linear_from_srgb
+from splatgl.data.color import AUTO, linear_from_srgb
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.gl.screen import GROUNDS
+from splatgl.scene.open_scene import on_background
 from splatgl.scene.view import PLANES_UP, ROWS_UP, angles
 from splatgl.splat.clipping import Plane
 from splatgl.splat.plan import plan
@@ -246,7 +247,15 @@ def _cycle(name: str, note: str = "") -> Run:
 
 
 def with_settings(state: State, document: Document, settings: Settings) -> State:
-    """The state with other settings; the ramps of channels reach the opacity that they have in the blend."""
+    """The state with other settings; the ramps of channels reach the opacity that they have in the blend, and the
+    default background of the blend follows it.
+    """
+    first, usual = state.styles[0].base, list[Settings]()
+    for look in (state.settings, settings):
+        scene = replace(document.scene, settings=look.but(background=AUTO))
+        usual.append(on_background(scene, document.volume, first).settings)
+    if settings.background == state.settings.background == usual[0].background:
+        settings = settings.but(background=usual[1].background)
     styles = []
     for layer, style in zip(document.layers, state.styles, strict=False):
         now, then = (channel_opacity(layer.volume, blend) for blend in (state.settings.blend, settings.blend))

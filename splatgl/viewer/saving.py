@@ -88,7 +88,8 @@ def append_pinned(image: Image, right: Image) -> Image:
     """A picture with another one of its height at its right, as on the screen: an X-ray relative to its brightest
     pixel, and a line between both.
     """
-    pixels = right.pixels / _white(right)
+    beside = Image(right.pixels / _white(right))
+    pixels = (beside if right.ground is None else beside.over(right.ground)).pixels
     pixels[:, 0] = *linear_from_srgb(np.array(EDGE[:3]) / 255), 1.0
     return Image(np.concatenate([image.pixels, _white(image) * pixels], axis=1), image.info)
 

@@ -68,7 +68,7 @@ def test_a_turn_is_the_cameras_orbit(renderer: sg.Renderer, here: Path) -> None:
         turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
         eye = turn @ (first.eye - center) + center
         camera = sg.Camera.look_at(eye, eye + turn @ first.forward, (0, 0, 1), 40, (24, 24))
-        expected = renderer.render(splats, camera, scene.settings).pixels
+        expected = renderer.render(splats, camera, scene.settings.but(background="white")).pixels
         assert np.abs(pixels(f"f/{n:02d}.npy") - expected).max() < 2e-5, n
 
 
@@ -293,7 +293,7 @@ def test_bad_keyframes_are_one_line(text: str, message: str, here: Path, capsys:
 def test_series_go_by_the_numbers_in_names(here: Path) -> None:
     found = [s.volume for s in volumes(SceneFile("t*.npy"), ["ball.npy"])]
     assert found == ["t1.npy", "t2.npy", "t9.npy", "t10.npy", "ball.npy"]
-    assert animate("t*.npy", "-o", "{frame}.npy", "--hold", "2") == 0
+    assert animate("t*.npy", "-o", "{frame}.npy", "--hold", "2", "--background", "transparent") == 0
     frames = [pixels(f"{n}.npy") for n in range(8)]
     assert (frames[0] == frames[1]).all() and (frames[6] == frames[7]).all()
     # the ball goes to the right: one camera for all

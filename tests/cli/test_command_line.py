@@ -561,7 +561,8 @@ def test_pictures_of_floats_are_drawn_and_compared(suffix: str, here: Path, caps
 
 def test_jpeg_says_what_is_behind(here: Path, capsys: Said) -> None:
     asked = ["render", "noise.npy", "--size", "16", "--background", "transparent", "-o", "a.jpg"]
-    assert main(asked) == 0 and "splats on black, as JPEG has no alpha" in capsys.readouterr().out
+    assert main(asked) == 2 and "a.jpg: expected an opaque picture, got transparent" in capsys.readouterr().err
+    assert main([*asked, "--blend", "xray"]) == 0 and "on black, as JPEG has no alpha" in capsys.readouterr().out
     assert main([*asked, "--background", "white"]) == 0 and "on black" not in capsys.readouterr().out
     assert sg.Image.load("a.jpg").pixels[0, 0].min() > 0.95
 

@@ -77,7 +77,8 @@ def test_scene_file_and_options_over_it(here: Path) -> None:
     splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.9)], colormap="hot"), 0.1, classification="pre")
     camera = sg.Camera.orbit(splats, 70, 20, size=(20, 10))
     with sg.Renderer() as renderer:
-        assert (np.load("a.npy") == renderer.render(splats, camera, sg.Settings(blend="mip")).pixels).all()
+        settings = sg.Settings(blend="mip", background="black")
+        assert (np.load("a.npy") == renderer.render(splats, camera, settings).pixels).all()
     assert main(["render", "sub/s.toml", "-o", "b.png", "--blend", "xray", "--size", "8"]) == 0
     assert sg.Image.load("b.png").info["blend"] == "xray"
 

@@ -641,7 +641,8 @@ def test_render_takes_scenes() -> None:
     image = sg.render(scene, azimuth=70, size="30x20", blend="mip")
     camera = sg.Camera.orbit(scene, azimuth=70, elevation=20, size=(30, 20))
     with sg.Renderer() as renderer:
-        assert np.array_equal(image.pixels, renderer.render(scene, camera, sg.Settings(blend="mip")).pixels)
+        right = renderer.render(scene, camera, sg.Settings(blend="mip", background="black"))
+    assert np.array_equal(image.pixels, right.pixels)
     with pytest.raises(sg.InputError, match=r"options: expected fields of Settings, mixing, azimuth.*got spacing"):
         sg.render(scene, spacing=(1, 1, 1))
     with pytest.raises(sg.InputError, match="none beside a scene"):

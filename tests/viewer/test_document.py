@@ -139,7 +139,9 @@ def test_hidden_parts_are_not_drawn(state: State, document: Document, renderer: 
     shown, again = saved(replace(alone, mesh_files=()), document, renderer, folder)
     (folder / "one.toml").write_text(OPAQUE + '[settings]\nantialias = "off"\n')
     one = Document.open(SceneFile.from_toml(folder / "one.toml"))
-    right = renderer.render(one.layers[0].at(1), state.pose.camera, sg.Settings(antialias="off")).pixels
+    right = renderer.render(
+        one.layers[0].at(1), state.pose.camera, sg.Settings(antialias="off", background="white")
+    ).pixels
     assert np.abs(shown - again).max() < 1e-4 and np.array_equal(shown, right)
 
 
@@ -249,7 +251,7 @@ def test_blends_without_an_order_draw_no_meshes(state: State, document: Document
 
 def test_a_mesh_alone(folder: Path, renderer: sg.Renderer) -> None:
     """It opens, and its look is saved."""
-    scene = SceneFile(str(folder / "ball.ply"), settings=sg.Settings(antialias="off"))
+    scene = SceneFile(str(folder / "ball.ply"), settings=sg.Settings(antialias="off", background="transparent"))
     document = Document.open(scene)
     state = State.of(document, SIZE)
     plain, again = saved(state, document, renderer, folder)

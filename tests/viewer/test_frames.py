@@ -73,7 +73,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def scene_with(folder: Path, name: str, **more: object) -> SceneFile:
     """A scene of a first volume, cheap to draw."""
-    settings, view = sg.Settings(antialias="off"), ViewOptions(SIZE)
+    settings, view = sg.Settings(antialias="off", background="transparent"), ViewOptions(SIZE)
     return SceneFile(str(folder / name), transfer=FAINT, settings=settings, view=view, **more)  # type: ignore[arg-type]
 
 

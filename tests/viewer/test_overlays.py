@@ -18,7 +18,7 @@ from splatgl.errors import InputError
 from splatgl.gl.screen import Sprite
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import angles
-from splatgl.viewer.commands import TURN, Copy, name_of
+from splatgl.viewer.commands import TURN, Copy, name_of, with_settings
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import add_ruler_point, describe_pick, under_cursor
 from splatgl.viewer.overlays import RULER, TIP, AnnotationInputs, Legend, crop_sprites, ruler_marks
@@ -281,6 +281,12 @@ def test_a_turntable_keeps_up_upright(document: Document) -> None:
 
 def test_grounds_and_lights(document: Document) -> None:
     state, seen_grounds = State.of(document, SIZE), []
+    # of surfaces, which stand on white; values along rays do not, and sums have none
+    for blend, right in (("mip", (0.0, 0.0, 0.0)), ("xray", None), ("composite", (1.0, 1.0, 1.0))):
+        state = with_settings(state, document, state.settings.but(blend=blend))
+        assert state.settings.background == right
+    state = acted(replace(state, settings=state.settings.but(background=(0.0, 0.0, 0.2))), "ground", document)
+    assert state.message == "on black"
     for _ in range(5):
         state = acted(state, "ground", document)
         seen_grounds.append(state.message)
