@@ -225,7 +225,7 @@ def test_planes_are_played(tmp_path: Path) -> None:
         discs[n, 10:30, 5 + 15 * n : 20 + 15 * n] = 200
     tifffile.imwrite(tmp_path / "a.tif", discs, imagej=True, metadata={"axes": "TYX"})
     points = ["--points", "0:0,200:0.9", "--colormap", "gray"]
-    out = ["-o", str(tmp_path / "{frame}.npy"), "--quiet"]
+    out = ["-o", str(tmp_path / "{frame}.npy"), "--quiet", "--background", "transparent"]
     assert main(["animate", str(tmp_path / "a.tif"), "--size", "60x40", *points, *out]) == 0
     columns = np.arange(60) + 0.5
     alpha = [np.load(tmp_path / f"{n}.npy")[..., 3].sum(axis=0) for n in range(3)]

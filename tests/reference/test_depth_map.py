@@ -213,7 +213,23 @@ def test_commands_write_depths(tmp_path: Path, capsys: pytest.CaptureFixture[str
     found = np.load(out)
     same = sg.depth_map(source, size="24x20", points=[(0.5, 0), (0.6, 0.9)], clip="x>0.4")
     assert found.dtype == np.float32 and np.array_equal(found, same.astype(np.float32), equal_nan=True)
-    assert main(["render", str(source), "--depth", str(out), "-o", str(picture), "--quiet", *options]) == 0
+    assert (
+        main(
+            [
+                "render",
+                str(source),
+                "--depth",
+                str(out),
+                "-o",
+                str(picture),
+                "--quiet",
+                *options,
+                "--background",
+                "transparent",
+            ]
+        )
+        == 0
+    )
     alpha = np.load(picture)[..., 3]
     assert (np.isfinite(found) == (alpha > 0.5)).mean() > 0.97 and np.isfinite(found).mean() > 0.1
     grey = tmp_path / "d.png"

@@ -284,16 +284,15 @@ def test_commands_cut(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     """`--clip` and `--crop` draw what `sg.render` draws; a cropped view is fitted to the part."""
     data = np.random.default_rng(1).random((20, 20, 20)).astype(np.float32)
     np.save(tmp_path / "a.npy", data)
-    options = ["--size", "48", "--check", "0", "--quiet", "--points", "0.3:0,0.9:0.7"]
+    options = ["--size", "48", "--check", "0", "--quiet", "--points", "0.3:0,0.9:0.7", "--background", "transparent"]
     source, out = str(tmp_path / "a.npy"), tmp_path / "o.npy"
     assert main(["render", source, "-o", str(out), "--clip", "x>0.4", "--clip", "y+z<1.2", *options]) == 0
-    same = sg.render(source, size=48, points=((0.3, 0), (0.9, 0.7)), clip=["x>0.4", "y+z<1.2"])
+    look: Any = {"size": 48, "points": ((0.3, 0), (0.9, 0.7)), "background": "transparent"}
+    same = sg.render(source, **look, clip=["x>0.4", "y+z<1.2"])
     assert (np.load(out) == same.pixels).all()
     assert main(["render", source, "-o", str(out), "--crop", "5:10,5:10,5:10", *options]) == 0
     near = np.load(out)[..., 3]
-    assert (
-        near == sg.render(source, size=48, points=((0.3, 0), (0.9, 0.7)), crop="5:10,5:10,5:10").pixels[..., 3]
-    ).all()
+    assert (near == sg.render(source, **look, crop="5:10,5:10,5:10").pixels[..., 3]).all()
     assert near[:, 4:-4].any() and np.flatnonzero(near.any(axis=1)).size > 30
     assert main(["render", source, "-o", str(out), "--clip", "x>2", *options]) == 2
     assert capsys.readouterr().err.startswith("splatgl: --clip: expected a fraction")

@@ -292,6 +292,7 @@ def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.chdir(tmp_path)
     np.save("noise.npy", cells().astype(np.float32))
     asked = ["render", "noise.npy", "--points", "0.2:0,0.8:1", "--size", "32", "--antialias", "off"]
+    asked += ["--background", "transparent"]
     found = {}
     for blend in ("mip", "minip"):
         assert main([*asked, "--blend", blend, "-o", f"{blend}.npy"]) == 0

@@ -148,24 +148,24 @@ def test_commands_scene_files_and_python_agree(tmp_path: Path, monkeypatch: pyte
     samples = field().samples
     np.save("a.npy", samples)
     text = "0.5,0 1,0 1,1 0.5,1"
-    assert (
-        main(["render", "a.npy", "-o", "out.npy", "--size", "32", "--fit", "0.3", "--quiet", "--scissors", text]) == 0
-    )
+    stated = ["--fit", "0.3", "--background", "transparent"]
+    assert main(["render", "a.npy", "-o", "out.npy", "--size", "32", "--quiet", *stated, "--scissors", text]) == 0
     right = np.load("out.npy")
-    assert np.array_equal(sg.render("a.npy", size=32, fit="0.3", scissors=text).pixels, right)
+    options = {"size": 32, "fit": "0.3", "background": "transparent"}
+    assert np.array_equal(sg.render("a.npy", scissors=text, **options).pixels, right)
     # the view stays that of the whole, and its left half is untouched, but for the light near the face
-    whole = sg.render("a.npy", size=32, fit="0.3").pixels
+    whole = sg.render("a.npy", **options).pixels
     assert np.abs(right[:, :11] - whole[:, :11]).max() < 4e-3 < whole[:, :11].max()
     assert right[:, 18:].max() == 0 < whole[:, 18:].max()
     Path("scene.toml").write_text(f'volume = "a.npy"\nscissors = ["{text}"]\n[camera]\nsize = [32, 32]\nfit = "0.3"\n')
-    assert np.array_equal(sg.render("scene.toml").pixels, right)
+    assert np.array_equal(sg.render("scene.toml", background="transparent").pixels, right)
     view = ViewOptions(size=(32, 32), fit="0.3")
     opened = OpenScene.read(SceneFile("a.npy", scissors=(Scissors(text),), view=view))
     assert opened.camera == OpenScene.read(SceneFile("a.npy", view=view)).camera
     Path("fixed.toml").write_text(opened.file.to_toml(tmp_path))
     assert "[[scissors]]" in Path("fixed.toml").read_text()
     from_side = [sg.render(name, azimuth=100, size=32).pixels for name in ("fixed.toml", "scene.toml")]
-    assert np.abs(sg.render("fixed.toml").pixels - right).max() < 2e-3
+    assert np.abs(sg.render("fixed.toml", background="transparent").pixels - right).max() < 2e-3
     assert np.abs(from_side[0] - from_side[1]).max() > 0.1
 
 
@@ -228,12 +228,14 @@ def test_the_command_leaves_segments_whole(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.chdir(tmp_path)
     np.save("seg.npy", segments().samples)
     line = ["render", "seg.npy", "-o", "a.npy", "--size", "32", "--quiet", "--clip", "z>0.5", "--values", "labels"]
+    line += ["--background", "transparent"]
     assert main([*line, "--uncut", "2"]) == 0
     found = np.load("a.npy")
-    assert np.array_equal(sg.render("seg.npy", size=32, clip="z>0.5", values="labels", uncut=2).pixels, found)
+    look: Any = {"size": 32, "clip": "z>0.5", "values": "labels", "background": "transparent"}
+    assert np.array_equal(sg.render("seg.npy", **look, uncut=2).pixels, found)
     text = 'volume = "seg.npy"\nclip = ["z>0.5"]\nuncut = "2"\n[load]\nvalues = "labels"\n[camera]\nsize = [32, 32]\n'
     Path("scene.toml").write_text(text)
-    assert np.array_equal(sg.render("scene.toml").pixels, found)
+    assert np.array_equal(sg.render("scene.toml", background="transparent").pixels, found)
     assert SceneFile.from_toml(Path("scene.toml")).uncut == "2"
     assert main(line) == 0 and (np.load("a.npy")[..., 3] > 0).sum() < (found[..., 3] > 0).sum()
     assert main([*line, "--uncut", "9"]) == 2
