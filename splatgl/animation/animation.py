@@ -439,11 +439,11 @@ class Work:
         image = Image(image.pixels, {**image.info, **provenance_of(scene, self.transfer)})
         if self.over is not None:
             names = self.over.at(scene.load.get("time", view.volume))
-            backdrop = self.settings.background
+            backdrop = self.settings.ground
             inputs = self.over.subject, self.over.transfer, view.camera, names, backdrop
             image = annotated(image, *inputs, steady=True)
             image = on_ground(image, backdrop)
-        ground = self.settings.background if BLENDS[self.settings.blend].unbounded else None
+        ground = self.settings.ground if BLENDS[self.settings.blend].unbounded else None
         return self.frames.encoded(view.frame, image, self.bits, ground)
 
     def brightest(

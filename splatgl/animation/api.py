@@ -156,7 +156,7 @@ def _told_if_stopped(frames: Frames, wanted: Sequence[int]) -> Iterator[None]:
 def _join(animation: Animation, frames: Frames, fps: float | None) -> None:
     """Writes the movie, if one is asked for, and removes its frames."""
     if frames.movie:
-        ground = animation.scenes[0].settings.background or BLACK
+        ground = animation.scenes[0].settings.ground or BLACK
         # fewer for a short series, so that it can be followed
         usual = min(FPS, animation.count / SHORTEST) if len(animation.scenes) > 1 else FPS
         write_movie(frames.movie, [frames.path(n) for n in animation.numbers], fps or usual, ground)

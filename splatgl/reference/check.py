@@ -95,13 +95,13 @@ def check(
 
 def compare(image: Image, amount: int | float | None = None, field: bool = False) -> Image:
     """Adds `info["checked"]` to a picture by what was drawn, also of bricks, under its annotations; as `check`."""
-    pixels, subject, camera, settings = image.drawn or (image.pixels, None, None, None)
-    drawn = replace(image, pixels=pixels)
+    if image.drawn is None:
+        return image
+    pixels, subject, camera, settings = image.drawn
+    plain = replace(image, pixels=pixels)
     if isinstance(subject, Bricks):
-        drawn = check_bricks(drawn, subject, camera, settings, amount)
-    elif subject is not None:
-        drawn = check(drawn, subject, camera, settings, amount, field)
-    return replace(image, info=drawn.info)
+        return replace(image, info=check_bricks(plain, subject, camera, settings, amount).info)
+    return replace(image, info=check(plain, subject, camera, settings, amount, field).info)
 
 
 def accuracy_of(image: Image) -> Accuracy:

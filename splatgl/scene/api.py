@@ -261,7 +261,7 @@ def view_of(
     scene = x if layers else Scene.of(x)
     view = camera or (Camera.orbit(scene, **{"azimuth": 30.0, "elevation": 20.0, **viewing}) if layers else None)
     base = replace(settings or (Settings() if layers else Settings.of(x)), **drawing)
-    base = with_background(base, scene.layers[0].faded.shading)
+    base = with_background(base, scene.is_lit)
     return scene, view or Camera.of(x, viewing.get("size")), base, mixing
 
 
@@ -275,14 +275,14 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
     layers, shared = scene is x, DrawOptions(is_shared=True)
     if mixing == DISPLAY and (layers or not BLENDS[base.blend].unbounded):
         image = draw_subject(display_scene(scene), view, display_settings(base), shared)
-        image = display_image(image, base.background)
+        image = display_image(image, base.ground)
     else:
         image = draw_subject(scene, view, base, shared)
     if layers:
         return image
     from splatgl.integrations.vtk.overlays import finish
 
-    return finish(image, x, base.background)
+    return finish(image, x, base.ground)
 
 
 def camera_of(x: Any, options: Mapping[str, Any]) -> Camera:

@@ -327,7 +327,7 @@ def annotate(image: Image, scene: OpenScene) -> Image:
     """Draws the annotations of its scene over a picture, on the background; prints why some are left out."""
     from splatgl.annotations.annotate import annotated, omission_notes, on_ground
 
-    color = scene.file.settings.background
+    color = scene.file.settings.ground
     look = scene.legend[1]
     image = annotated(image, scene.annotated_subject, look, scene.camera, scene.names, color)
     image = on_ground(image, None if BLENDS[scene.settings.blend].unbounded else color)

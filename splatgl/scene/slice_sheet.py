@@ -83,7 +83,7 @@ def draw_slices(scene: OpenScene) -> Image:
         if name not in ANNOTATIONS:
             raise expected("annotate", f"{', '.join(ANNOTATIONS)} beside slices", name)
     planes = parse_slices(file.slices, volume, np.asarray(file.view.slice_up(volume.hints)))
-    size, background = file.view.size, file.settings.background
+    size, background = file.view.size, file.settings.ground
     pixels: np.ndarray = np.zeros((size[1], size[0], 4), np.float32)
     em = Canvas.over(pixels, background).em
     right, top, bottom = (max((ANNOTATIONS[name][n] for name in names), default=0) * em for n in range(3))
@@ -205,7 +205,7 @@ def _annotated(image: Image, scene: OpenScene, cells: Sequence[Cell]) -> Image:
         subject = replace(subject, scales=(scale,) if low < high else (), empty=low < high)
     if "scale" in names and len({subject.lengths(cell.plane.right) for cell in cells}) > 1:
         raise expected("annotate", "no scale beside slices along axes of several units", "scale")
-    image = annotated(image, subject, transfer, camera, names, scene.file.settings.background)
+    image = annotated(image, subject, transfer, camera, names, scene.file.settings.ground)
     for note in () if scene.is_quiet else omission_notes(image):
         print(f"splatgl: {note}", file=sys.stderr)
     return image

@@ -354,6 +354,12 @@ class Scene:
         return np.concatenate([*(box.outline for box in self._subjects), *self._mesh_places])
 
     @property
+    def is_lit(self) -> bool:
+        """Whether the first layer is shaded by default."""
+        first = self.layers[0]
+        return isinstance(first, Layer) and first.faded.shading
+
+    @property
     def _mesh_places(self) -> list[np.ndarray]:
         """Vertices of meshes before they are clipped, as planes do not move a view, and of slices."""
         return [mesh.vertices for mesh in (*(mesh for mesh, _ in self.whole), *self.sliced)]

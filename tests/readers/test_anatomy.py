@@ -124,6 +124,7 @@ FILES = {
 def test_one_patient_looks_the_same_from_every_file(azimuth: float, tmp_path: Path) -> None:
     """Seen from the front: bright nose before the body, left arm at the right, crown on top."""
     options = {"size": (32, 32), "elevation": 0.0, "azimuth": azimuth, "classification": "pre"}
+    options["background"] = "transparent"
     first = None
     for n, (name, write) in enumerate(FILES.items()):
         (tmp_path / str(n)).mkdir()

@@ -421,7 +421,7 @@ def test_channels_are_one_picture(
     path, out = stained(tmp_path), tmp_path / "a.npy"
     monkeypatch.chdir(tmp_path)
     line = ["render", path.name, "--size", "48", "-o", "a.npy", "--window-of", "0=100,900", "--window-of", "GFP=50,800"]
-    assert main([*line, "--color-of", "DAPI=Fuchsia"]) == 0
+    assert main([*line, "--color-of", "DAPI=Fuchsia", "--background", "transparent"]) == 0
     said = capsys.readouterr()
     assert "channels DAPI, GFP" in said.out and "time 0 of 2: --time picks another" in said.err
     volume = sg.load(path)
@@ -431,13 +431,15 @@ def test_channels_are_one_picture(
     full = 1 - np.exp(-6 / 24)
     assert [look.points for look in looks] == [((100, 0), (900, full)), ((50, 0), (800, full))]
     scene = sg.Scene([sg.Layer(each, look) for each, look in zip(volume.channels, looks, strict=True)])
-    pixels = renderer.render(scene, ViewOptions(size=(48, 48)).camera(orient_stack(volume), scene)).pixels
+    camera = ViewOptions(size=(48, 48)).camera(orient_stack(volume), scene)
+    pixels = renderer.render(scene, camera).pixels
     assert np.array_equal(np.load(out), pixels)
     red, green, blue, alpha = np.moveaxis(pixels, -1, 0)
     assert np.allclose(red, blue, atol=1e-6) and (np.minimum(red, green) > 0.05).sum() > 20 and alpha.max() > 0.7
     scene_file = SceneFile(path.name, transfer={"color_of": [["DAPI", "#ff00ff"]], "window_of": list(windows.items())})
     (tmp_path / "scene.toml").write_text(scene_file.to_toml(tmp_path))
-    assert main(["render", "scene.toml", "--size", "48", "-o", "b.npy", "--quiet"]) == 0
+    clear = ["--background", "transparent", "--quiet"]
+    assert main(["render", "scene.toml", "--size", "48", "-o", "b.npy", *clear]) == 0
     assert np.array_equal(np.load(tmp_path / "b.npy"), pixels)
 
 

@@ -34,7 +34,7 @@ def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, o
     """pyvista.Plotter of a scene; see `Scene.to_pyvista`."""
     pyvista = import_pyvista("Scene.to_pyvista")
     camera = camera or Camera.orbit(scene, AZIMUTH, ELEVATION)
-    settings = with_background(settings or Settings(), scene.layers[0].faded.shading)
+    settings = with_background(settings or Settings(), scene.is_lit)
     if settings.blend not in VTK_BLENDS:
         raise expected("blend", f"one that VTK has: {', '.join(VTK_BLENDS)}", settings.blend)
     plotter = pyvista.Plotter(**{"window_size": list(camera.size), "lighting": "none", **options})
