@@ -1,11 +1,11 @@
 // Keeps the parts of a pixel's ray that lie inside a mask. Twin of splatgl/splat/mask_field.py.
 #constant MASK_EDGE  // the mask's value at which matter ends
-#constant MASK_SURE  // gradient from which on it lights a face of the mask that it fits
 #constant FLUSH      // a part whose ends are nearer to the edge lies in it
 #include "mask_normal.glsl"
 #include "trilinear.glsl"
 
-uniform vec3 mask_low;  // the mask's first voxel from the eye, index axes
+uniform vec3 mask_low;    // the mask's first voxel from the eye, index axes
+uniform float mask_sure;  // gradient from which on it lights a face of the mask that it fits
 // of a pixel's ray: its place in the mask at sheet 0, and voxels per sheet
 vec3 mask_first[ROWS], mask_step[ROWS];
 
@@ -35,7 +35,7 @@ vec2 kept_part(vec2 part, vec2 m) {
 // The share of light by the mask's normal; the rest is by the gradient of values.
 float face_share(vec3 gradient, vec3 normal) {
     float size2 = dot(gradient, gradient), face2 = dot(normal, normal), along = dot(gradient, normal);
-    float alike = along * along / max(size2 * face2, 1e-30) * (size2 / (size2 + MASK_SURE * MASK_SURE));
+    float alike = along * along / max(size2 * face2, 1e-30) * (size2 / (size2 + mask_sure * mask_sure));
     return sqrt(face2) * (1.0 - alike);
 }
 

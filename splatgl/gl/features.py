@@ -52,9 +52,12 @@ def clip_uniforms(splats: Splats, plan: Plan) -> Uniforms:
 
 
 def mask_uniforms(splats: Splats, plan: Plan) -> Uniforms:
-    """Returns the position of the field of mask_ray.glsl, relative to the eye, in index space."""
-    assert plan.resolved.mask is not None
-    return {"mask_low": tuple(plan.resolved.mask.low - plan.view.eye_index)}
+    """Returns the position of the field of mask_ray.glsl, relative to the eye, in index space, and the record values
+    per mean spacing from which on gradients light its faces.
+    """
+    mask = plan.resolved.mask
+    assert mask is not None and splats.post is not None
+    return {"mask_low": tuple(mask.low - plan.view.eye_index), "mask_sure": mask.sure_of(splats.post.span)}
 
 
 def mask_field(splats: Splats, plan: Plan) -> dict[str, np.ndarray | None]:

@@ -280,7 +280,6 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "MAP_ENTRIES": colormaps.ENTRIES,
     "MASK_EDGE": mask_field.EDGE,
     "MASK_ONE": float(mask_field.ONE),
-    "MASK_SURE": mask_field.SURE,
     "MASK_ZERO": float(mask_field.ZERO),
     "NAME_BITS": np.uint32(clusters.NAME_BITS),
     "NOWHERE": np.uint32(NOWHERE),

@@ -29,7 +29,7 @@ from splatgl.splat.grid import Grid, dilate, trilinear
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.lighting import LIGHTS, Light, surface_light
-from splatgl.splat.mask_field import MaskField, face_share
+from splatgl.splat.mask_field import MaskField
 from splatgl.splat.prefilter import prefilter
 from splatgl.splat.preintegration import ClassIntegral, ValueClassifier, surface_levels
 from splatgl.splat.regions import mean_matter
@@ -189,7 +189,7 @@ class Marched:
                 factor, highlight = self._shade(places[:, some], gradient * self.shading, toward[some])
                 if self.mask is not None and self.shading:
                     normal = self.mask.normals(places[:, some])
-                    share = face_share(gradient * (self.spacing / self.span), normal)
+                    share = self.mask.face_share(gradient * (self.spacing / self.span), normal, self.span)
                     on_face = self._shade(places[:, some], normal, toward[some])
                     factor, highlight = (
                         a * (1 - share) + b * share for a, b in zip((factor, highlight), on_face, strict=True)

@@ -19,7 +19,7 @@ from splatgl.splat.clipping import FACE, FLUSH
 from splatgl.splat.iso import THIN, spline_crossings
 from splatgl.splat.kernels import Kernel, tabulate
 from splatgl.splat.lighting import Light, apply_light, surface_light
-from splatgl.splat.mask_field import MaskField, clip_to_mask, face_share
+from splatgl.splat.mask_field import MaskField, clip_to_mask
 from splatgl.splat.preintegration import ValueClassifier
 from splatgl.splat.resolve import Resolved
 from splatgl.splat.settings import BlendMode
@@ -271,7 +271,8 @@ class SheetField:
             return light
         if self.mask is not None:
             face = self.mask.normals(self._points(part.middle, part.pixel, rays))
-            light = _mix_light(light, self._surface(part, face, rays), face_share(part.gradient, face))
+            share = self.mask.face_share(part.gradient, face, self.post.span)
+            light = _mix_light(light, self._surface(part, face, rays), share)
         if rays.face is not None:
             face = rays.face[part.pixel]
             light = _mix_light(light, self._surface(part, face, rays), part.faced * face.any(axis=1))

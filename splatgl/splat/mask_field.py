@@ -20,6 +20,7 @@ from splatgl.errors import expected
 from splatgl.fileio import format_bytes
 from splatgl.splat.clipping import FLUSH
 from splatgl.splat.grid import Grid, dilate, trilinear
+from splatgl.splat.statistics import spread
 
 # the mask at which matter ends
 EDGE = 0.5
@@ -33,8 +34,10 @@ MOST = 2**29
 FACE_GRADIENT = 0.3125
 # code of a component: the byte of 0, and the step to that of 1
 ZERO, ONE = 128, 127
-# gradients of values, in ranges of the transfer function per mean spacing, from which on they light faces that agree
+# gradients of values, in spreads of the volume's values per mean spacing, from which on they light faces that agree
 SURE = 0.05
+# factors between which these gradients are records' for any transfer function: their squares are finite in float32
+LEAST_SURE, MOST_SURE = 1e-15, 1e15
 # cache: the field of each volume
 _made: WeakKeyDictionary[Volume, MaskField | None] = WeakKeyDictionary()
 
@@ -42,14 +45,16 @@ _made: WeakKeyDictionary[Volume, MaskField | None] = WeakKeyDictionary()
 @dataclass(frozen=True, eq=False)
 class MaskField:
     """kept uint8 [d, h, w]: 255 or 0 for voxels from `low` (x, y, z) on, and between where faces lie between centres of
-    voxels; clamped beyond. world: turns gradients from
-    index axes to world axes, per mean spacing.
+    voxels; clamped beyond. world: turns gradients from index axes to world axes, per mean spacing. sure: gradient of
+    values per mean spacing from which on it lights a face that it fits; it is of the volume, so that transfer functions
+    of one meaning are lit alike.
     """
 
     kept: np.ndarray
     low: tuple[int, int, int]
     world: np.ndarray
     shape: tuple[int, int, int]
+    sure: float
 
     @classmethod
     def of(cls, volume: Volume) -> MaskField | None:
@@ -71,10 +76,7 @@ class MaskField:
             high = np.minimum(gaps.max(axis=0) + 1 + AROUND, volume.shape[::-1])
             if int((high - low).prod(dtype=np.int64)) > MOST:
                 return None
-            grid = Grid.of(volume)
-            x, y, z = low.tolist()
-            kept = np.full((high - low)[::-1], 255, np.uint8)
-            mask = cls(kept, (x, y, z), np.linalg.inv(grid.world_from_index) * grid.mean_spacing, volume.shape)
+            mask = cls._around(volume, np.full((high - low)[::-1], 255, np.uint8), low)
         else:
             mask = replace(mask, kept=mask.kept.copy())
         places = gaps - np.array(mask.low)
@@ -106,8 +108,14 @@ class MaskField:
         (z0, y0, x0), (z1, y1, x1) = low.tolist(), high.tolist()
         for z in range(z0, z1):
             kept[z - z0] = volume.mask_shares((z, y0, x0), (z + 1, y1, x1))[0]
-        grid = Grid.of(volume)
-        return cls(kept, (x0, y0, z0), np.linalg.inv(grid.world_from_index) * grid.mean_spacing, volume.shape)
+        return cls._around(volume, kept, low[::-1])
+
+    @classmethod
+    def _around(cls, volume: Volume, kept: np.ndarray, low: np.ndarray) -> MaskField:
+        """What is kept of a volume's voxels from `low` (x, y, z) on."""
+        grid, (x, y, z) = Grid.of(volume), low.tolist()
+        world = np.linalg.inv(grid.world_from_index) * grid.mean_spacing
+        return cls(kept, (x, y, z), world, volume.shape, SURE * spread(volume))
 
     @cached_property
     def faced(self) -> np.ndarray:
@@ -146,6 +154,19 @@ class MaskField:
 
     def _cells(self, places: np.ndarray) -> np.ndarray:
         return np.asarray(places.T - np.array(self.low))
+
+    def face_share(self, gradient: np.ndarray, normal: np.ndarray, span: float) -> np.ndarray:
+        """Share [P] of light by the mask's normals [P, 3]; values' gradients [P, 3] give the rest, in `span` per mean
+        spacing. Gradients light a face where the mask follows a surface of the values.
+        """
+        size2, face2 = (gradient**2).sum(axis=1), (normal**2).sum(axis=1)
+        along, sure = (gradient * normal).sum(axis=1), self.sure_of(span)
+        alike = along * along / np.maximum(size2 * face2, 1e-30) * (size2 / (size2 + sure**2))
+        return np.asarray(np.sqrt(face2) * (1.0 - alike))
+
+    def sure_of(self, span: float) -> float:
+        """`sure` in `span` per mean spacing."""
+        return float(np.clip(self.sure / span, LEAST_SURE, MOST_SURE))
 
     def keeps(self, positions: np.ndarray) -> np.ndarray:
         """bool [N]: whether grid positions [N, 3] lie in kept voxels."""
@@ -189,16 +210,6 @@ def clip_to_mask(
     begin = np.where(first >= 0, ends[0], np.where(last >= 0, cross, ends[0]))
     end = np.where(first >= 0, np.where(last >= 0, ends[1], cross), np.where(last >= 0, ends[1], ends[0]))
     return begin, end
-
-
-def face_share(gradient: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Share [P] of light by the mask's normals [P, 3]; values' gradients [P, 3] give the rest. Gradients light a face
-    where the mask follows a surface of the values.
-    """
-    size2, face2 = (gradient**2).sum(axis=1), (normal**2).sum(axis=1)
-    along = (gradient * normal).sum(axis=1)
-    alike = along * along / np.maximum(size2 * face2, 1e-30) * (size2 / (size2 + SURE**2))
-    return np.asarray(np.sqrt(face2) * (1.0 - alike))
 
 
 def _planes(volume: Volume, low: Places, high: Places) -> Iterator[tuple[int, np.ndarray]]:

@@ -119,7 +119,7 @@ FEW = 2000
 # maximum number of voxels of these, and of the level of a multiscale image that is sampled
 MOST_WHOLE, MOST_OF_LEVEL = 1 << 31, 1 << 27
 BINS = 256
-# percentile of the values where the histogram ends, so that a few outliers don't stretch its bins
+# percentile of the values where the histogram and the spread end, so that a few outliers don't stretch them
 HISTOGRAM_END = 99.9
 # a face of the box is touched by an object if more than this share of it is covered
 TOUCHED = 0.015
@@ -183,7 +183,7 @@ class Statistics:
 
 def statistics(volume: Volume) -> Statistics:
     """Statistics of a volume's finite values; sparse volumes are read whole for their foreground."""
-    volume = next((level for level in (volume, *volume.coarser) if level.count <= MOST_OF_LEVEL), volume)
+    volume = _small_level(volume)
     sample = _sample(volume)
     finite = _sort_finite(sample)
     if len(finite) == 0:
@@ -199,6 +199,14 @@ def statistics(volume: Volume) -> Statistics:
     return Statistics(finite, background, cuts, _object_rung(sample, cuts), ground)
 
 
+def spread(volume: Volume) -> float:
+    """Range of a volume's finite values, but for outliers on either side; 0 of one value or none."""
+    values = _sort_finite(_sample(_small_level(volume)))
+    if not len(values):
+        return 0.0
+    return sorted_percentile(values, HISTOGRAM_END) - sorted_percentile(values, 100 - HISTOGRAM_END)
+
+
 def sorted_percentile(values: np.ndarray, percent: float) -> float:
     """np.percentile of values that are sorted already."""
     place = percent / 100 * (len(values) - 1)
@@ -212,6 +220,11 @@ def sorted_percentile(values: np.ndarray, percent: float) -> float:
 
 def _share_of_lowest(values: np.ndarray) -> float:
     return float(np.searchsorted(values, values[0], side="right")) / len(values)
+
+
+def _small_level(volume: Volume) -> Volume:
+    """The finest level of at most MOST_OF_LEVEL voxels; the volume without one."""
+    return next((level for level in (volume, *volume.coarser) if level.count <= MOST_OF_LEVEL), volume)
 
 
 def _sample(volume: Volume) -> np.ndarray:

@@ -10,7 +10,7 @@ from splatgl.gl.meshes import MAPS_UNIT
 from splatgl.reference.rays import Rays
 from splatgl.reference.sheets import ray_offset
 from splatgl.splat.colormaps import FURTHEST, UNKNOWN, map_color, map_tables
-from splatgl.splat.mask_field import EDGE, ONE, ZERO, MaskField, clip_to_mask, face_share
+from splatgl.splat.mask_field import EDGE, ONE, ZERO, MaskField, clip_to_mask
 from tests.helpers.noise import views
 from tests.helpers.sheet_twins import RAMP, uniforms
 from tests.helpers.twins import COUNT, Twin
@@ -77,8 +77,10 @@ def test_shares_of_faces(twin: Twin, rng: np.random.Generator) -> None:
     normal *= rng.random((COUNT, 1)) / np.linalg.norm(normal, axis=1, keepdims=True)
     gradient[::9], normal[4::9] = 0, 0
     gradient[2::9] = 3 * normal[2::9]
-    found = twin("sheet_draw.comp", "result.x = face_share(g, n)", state=MASKED, g=gradient, n=normal)[:, 0]
-    right = face_share(gradient, normal)
+    mask = MaskField(np.zeros((1, 1, 1), np.uint8), (0, 0, 0), np.eye(3), (1, 1, 1), sure=0.1)
+    state = {**MASKED, "mask_sure": mask.sure_of(2.0)}
+    found = twin("sheet_draw.comp", "result.x = face_share(g, n)", state=state, g=gradient, n=normal)[:, 0]
+    right = mask.face_share(gradient, normal, 2.0)
     assert np.abs(found - right).max() < 1e-5 and right.min() < 0.01 and right.max() > 0.9
 
 
