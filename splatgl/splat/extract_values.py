@@ -269,7 +269,7 @@ def field_slopes(u: np.ndarray, kernel: Kernel, world: np.ndarray) -> np.ndarray
     slopes = np.sqrt(np.square(np.tensordot(world.T.astype(np.float32), gradient, 1)).sum(axis=0))
     if not finite.all():
         beside = ~finite
-        for _ in range(margin):
+        for _ in range(max(margin, TAPS)):
             beside = dilate(beside)
         z, y, x = np.nonzero(beside & finite)
         slopes[z, y, x] = np.linalg.norm(gradients(u, x, y, z) @ world, axis=1)

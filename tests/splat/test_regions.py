@@ -174,6 +174,43 @@ def test_gradients_are_those_of_the_field(width: float, low: float, high: float)
     assert low < np.mean(ratios) < high
 
 
+@pytest.mark.parametrize("kernel", ["b-spline", "crawfis-max"])
+def test_gradients_beside_missing_samples(kernel: str) -> None:
+    """They are those of the samples that there are, in reach of the differences by any kernel."""
+    samples = noise(np.random.default_rng(3), (13, 12, 11))
+    samples[6, 6, 5] = np.nan
+    splats = sg.extract(sg.Volume(samples), sg.Transfer(regions=["box:0,1,0,inf"]), kernel=kernel)
+    assert len(splats) == samples.size - 1 and np.isfinite(splats.records["gradient"]).all()
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("technique", TECHNIQUES)
+@pytest.mark.parametrize("cut", ["mask", "scissors"])
+def test_regions_are_lit_as_points_in_masks(renderer: sg.Renderer, technique: Technique, cut: str) -> None:
+    """A region of all gradients, points that end at it, points over a wider range and weights of 1 draw one picture,
+    in values of any size.
+    """
+    ball, size = sg.scenes.ball(12), 1e-4
+    kept = (np.indices(ball.shape) - np.array(ball.shape)[:, None, None, None] / 2)[1:].sum(axis=0) < 1
+    volume = replace(ball, samples=ball.samples * size)
+    camera = sg.Camera.orbit(volume, 35, 25, size=(32, 32))
+    volume = volume.masked(kept if cut == "mask" else sg.Scissors("0,0 0.6,0 0.6,1 0,1", True, camera))
+    step = [(0.4 * size, 0), (0.4 * size, 0.6)]
+    looks = {
+        "points": sg.Transfer(step, "#e0c060"),
+        "region": sg.Transfer(regions=[f"box:{0.4 * size},inf,0,inf:#e0c060:0.6"]),
+        "wide": sg.Transfer([(-size, 0), *step, (5 * size, 0.6)], "#e0c060"),
+        "weights": sg.Transfer(step, "#e0c060", gradient=[(0, 1)]),
+    }
+    pictures = {
+        name: renderer.render(sg.extract(volume, look), camera, EXACT.but(technique=technique)).pixels
+        for name, look in looks.items()
+    }
+    assert pictures["points"][..., 3].max() > 0.9
+    off = {name: float(np.abs(picture - pictures["points"]).max()) for name, picture in pictures.items()}
+    assert off["wide"] < 1e-4 and max(off.values()) < 1e-3, off
+
+
 def test_sheets_are_near_the_field(painting: str) -> None:
     """The field marched finely, as it was kept, and whole: no visible voxel is lost."""
     splats = matter(SOME)
