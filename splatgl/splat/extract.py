@@ -368,7 +368,7 @@ def _records(
     gradient = np.zeros((len(flat), 3))
     if (transfer.shading and part.normals is None) or transfer.needs_gradients:
         # faces at the ends are lit; opacity by gradients would show them
-        if transfer.needs_gradients:
+        if transfer.varies_by_gradient:
             gradient = gradients(slab.samples, x, y, z, 2)
         else:
             # values that are tiny are not halved exactly

@@ -161,7 +161,7 @@ class ValueClassifier:
     shape: voxels along x, y, z; rays end at the box of their cells. low, span: record values are (ρ − low)/span.
     kept [n, 3]: intervals of values around which voxels were kept, and the least gradient near them, values per world
     length. lean: without the voxels that only the rims of kernels need. faced: gradients at the volume's ends assume
-    transparent neighbours, which lights the end faces; not if gradients weight opacity, which would make the end faces
+    transparent neighbours, which lights the end faces; not if opacity varies by gradient, which would make the end faces
     visible.
     """
 
@@ -180,7 +180,7 @@ class ValueClassifier:
         low, high = active_range(transfer)
         span = high - low if high > low else max(abs(low), 1.0)
         kept = np.array([[-np.inf, np.inf, 0.0]]) if every else wanted_intervals(transfer, span)
-        return cls(transfer, kernel, shape, low, span, kept, faced=not transfer.needs_gradients)
+        return cls(transfer, kernel, shape, low, span, kept, faced=not transfer.varies_by_gradient)
 
     @property
     def every(self) -> bool:
@@ -222,7 +222,7 @@ class ValueClassifier:
         slack = 2 * INWARDS * self.span * max(high - low, 1.0)
         wanted = wanted_intervals(transfer, self.span)
         covered = ((starts - slack <= a) & (b <= ends + slack) & (least <= size) for a, b, size in wanted)
-        resolved &= self.faced != transfer.needs_gradients
+        resolved &= self.faced != transfer.varies_by_gradient
         return resolved and all(interval.any() for interval in covered)
 
     @property

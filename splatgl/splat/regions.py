@@ -95,6 +95,11 @@ class Region:
         return self.shape == "image"
 
     @property
+    def is_endless(self) -> bool:
+        """Whether the region is a box of all gradients."""
+        return self.shape == "box" and tuple(self.gradients) == (0.0, np.inf)
+
+    @property
     def kind(self) -> int:
         """Number of the shape in shaders."""
         return SHAPES.index(self.shape)

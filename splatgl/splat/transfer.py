@@ -180,8 +180,13 @@ class Transfer:
 
     @property
     def needs_gradients(self) -> bool:
-        """Whether opacity depends on gradients."""
+        """Whether opacity is looked up by gradients."""
         return bool(self.gradient or self.regions)
+
+    @property
+    def varies_by_gradient(self) -> bool:
+        """Whether opacity differs between gradients: not with equal weights, nor regions of all gradients."""
+        return len({weight for _, weight in self.gradient}) > 1 or any(not each.is_endless for each in self.regions)
 
     @property
     def is_clear(self) -> bool:
