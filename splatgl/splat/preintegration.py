@@ -161,8 +161,7 @@ class ValueClassifier:
     shape: voxels along x, y, z; rays end at the box of their cells. low, span: record values are (ρ − low)/span.
     kept [n, 3]: intervals of values around which voxels were kept, and the least gradient near them, values per world
     length. lean: without the voxels that only the rims of kernels need. faced: gradients at the volume's ends assume
-    transparent neighbours, which lights the end faces; not if opacity varies by gradient, which would make the end faces
-    visible.
+    transparent neighbours, which lights the end faces; not if opacity varies by gradient, as it would show them.
     """
 
     transfer: Transfer
