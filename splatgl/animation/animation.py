@@ -126,14 +126,15 @@ class Timeline:
 
 @dataclass(frozen=True, eq=False)
 class Animation:
-    """Frames of one volume or of a series. scenes: one for each volume, with a common transfer function. numbers: the
-    frames to render, of `count`; each volume is shown for `hold` frames. flow: displacement of splats along vectors per
-    frame, for motion blur only. only: the subject of a single volume. bands: number of bands of rows of volumes that
-    are drawn in bricks; 0: whole. over: annotations.
+    """Frames of one volume or of a series. scenes: one for each volume, with a common transfer function; length: that
+    its opacities refer to. numbers: the frames to render, of `count`; each volume is shown for `hold` frames. flow:
+    displacement of splats along vectors per frame, for motion blur only. only: the subject of a single volume. bands:
+    number of bands of rows of volumes that are drawn in bricks; 0: whole. over: annotations.
     """
 
     scenes: list[SceneFile]
     transfer: Transfer
+    length: float
     track: Track
     count: int
     numbers: range
@@ -180,6 +181,11 @@ class Animation:
         scenes = [replace(x, **same) for x in scenes]
         scene = replace(scene, file=scenes[0], is_quiet=is_quiet, is_moving=settings.shutter > 0)
         series = len(scenes) if len(scenes) > 1 else 0
+        if series and scene.volume.points is None:
+            # opacities of all volumes refer to one length
+            transfer = scene.transfer.on(scene.volume)
+            scenes = [x.with_transfer({"unit": transfer.unit}) for x in scenes]
+            scene = replace(scene, file=scenes[0], transfer=transfer)
         bands = _bands(scene, timeline.flow) if scene.is_single else 0
         only = None if bands or (series and scene.is_single) else _matter(scene, timeline.flow)
         if len(scenes) == 1:
@@ -193,7 +199,8 @@ class Animation:
         over = Over(names, scene.annotated_subject, scene.legend[1], times) if names else None
         only = None if series else only
         numbers = range(first, last + 1)
-        return cls(scenes, scene.transfer, track, count, numbers, timeline.hold, timeline.flow, bits, only, bands, over)
+        look = scene.transfer, scene.transfer.length(scene.volume)
+        return cls(scenes, *look, track, count, numbers, timeline.hold, timeline.flow, bits, only, bands, over)
 
     def shown(self, frame: int) -> int:
         """Index of the volume shown in a frame; a series repeats."""
@@ -244,7 +251,15 @@ class Animation:
         settings = self.scenes[0].settings
         settings = replace(settings, moments=settings.moments or self.steady)
         return Work(
-            self.scenes, self.transfer, settings, frames, self.flow, self.bits, bands=self.bands, over=self.over
+            self.scenes,
+            self.transfer,
+            self.length,
+            settings,
+            frames,
+            self.flow,
+            self.bits,
+            bands=self.bands,
+            over=self.over,
         )
 
     def view(self, frame: int) -> FrameView:
@@ -399,6 +414,7 @@ class Work:
 
     scenes: list[SceneFile]
     transfer: Transfer
+    length: float
     settings: Settings
     frames: Frames
     flow: float | None
@@ -436,7 +452,7 @@ class Work:
         if self.top is not None and self.frames.path(view.frame).suffix.lower() == ".png":
             image = scale_xray(image, self.top)
         scene = self.scenes[view.volume]
-        image = Image(image.pixels, {**image.info, **provenance_of(scene, self.transfer)})
+        image = Image(image.pixels, {**image.info, **provenance_of(scene, self.transfer, self.length)})
         if self.over is not None:
             names = self.over.at(scene.load.get("time", view.volume))
             backdrop = self.settings.ground

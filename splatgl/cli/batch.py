@@ -44,8 +44,10 @@ class Same:
             drawn = channel_layers(scene.file, scene.volume, scene.transfer)
             spans = [(layer.volume.name, layer.seen) for layer in drawn]
             windows = [(name, look.window or (look.points[0][0], look.points[-1][0])) for name, look in spans]
-            return cls(scene.camera, scene.volume.world, {"window_of": tuple(windows)})
-        return cls(scene.camera, scene.volume.world, {} if scene.transfer.labels else scene.transfer.fields)
+            unit = {} if scene.volume.points is not None else {"unit": scene.transfer.length(scene.volume)}
+            return cls(scene.camera, scene.volume.world, {"window_of": tuple(windows), **unit})
+        look = scene.transfer.on(scene.volume)
+        return cls(scene.camera, scene.volume.world, {"unit": look.unit} if look.labels else look.fields)
 
     def read(self, file: SceneFile, is_quiet: bool) -> OpenScene:
         """Reads a scene with these. Notes on a window are of one that is given, not of the one that is shared."""

@@ -19,7 +19,7 @@ from splatgl.fileio import check_output, check_source
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.transfer import EXTENT, Transfer
 
 # points of a transfer function that fit in a line; of more, the first and the last are listed
 SHOWN = 3
@@ -93,7 +93,10 @@ def as_json(source: str, output: Path, image: Image, scene: OpenScene) -> str:
             "perspective": camera.perspective,
             "extent": camera.extent,
         },
-        "transfer": {"points": transfer.points, "colormap": transfer.colormap, "window": transfer.window},
+        "transfer": {
+            **{name: getattr(transfer, name) for name in ("points", "colormap", "window")},
+            "length": transfer.length(scene.volume),
+        },
         "notes": [*_texts(info.get("notes")), *_texts(info.get("not_annotated"))],
         "error": None,
     }
@@ -144,16 +147,24 @@ def _behind(image: Image, output: Path) -> str:
     return " on black, as JPEG has no alpha" if output.suffix.lower() in JPEG else ", transparent around"
 
 
+def length_name(transfer: Transfer, volume: Volume) -> str:
+    """Text on the length that opacities refer to."""
+    why = {None: ", the mean spacing", EXTENT: ", by the extent"}.get(transfer.unit, "")
+    return f"{transfer.length(volume):.4g} {volume.unit or 'units'}{why}"
+
+
 def _transfer(scene: SceneFile, volume: Volume, transfer: Transfer) -> str:
     """Text on opacities, colours, their range, and the threshold."""
     if volume.points is not None:
         return f"opacity {transfer.opacity(np.array([1.0]))[0]:g} of a surface of points, in their colours"
+    per = f" per {length_name(transfer, volume)}"
     if len(volume.channels) > 1:
-        return f"channels {', '.join(channel.name for channel in volume.channels)}"
+        return f"channels {', '.join(channel.name for channel in volume.channels)}; opacities{per}"
     if transfer.labels:
         names = {label.number: label.name for label in volume.labels or ()}
         labels = [f"{number} {names.get(number, '')}".strip() + f" {color}" for number, color, _ in transfer.labels]
-        return f"labels {', '.join(labels[:SHOWN])}" + (f", … ({len(labels)})" if len(labels) > SHOWN else "")
+        more = f", … ({len(labels)})" if len(labels) > SHOWN else ""
+        return f"labels {', '.join(labels[:SHOWN])}{more}; opacities{per}"
     points = [f"{opacity:g} at {value:g}" for value, opacity in transfer.points]
     text = ", ".join(points) if len(points) <= SHOWN else f"{points[0]} … {points[-1]} ({len(points)} points)"
     name = scene.transfer.get("preset")
@@ -161,7 +172,7 @@ def _transfer(scene: SceneFile, volume: Volume, transfer: Transfer) -> str:
     colours = _colors(transfer, volume)
     return (
         (f"preset {name}, " if name else "")
-        + f"opacity {text}; {scaled}colours {colours}"
+        + f"opacity {text}{per}; {scaled}colours {colours}"
         + ("; weighted by the gradient" if transfer.gradient else "")
         + (f"; regions {', '.join(map(str, transfer.regions))}" if transfer.regions else "")
         + (f"; threshold {scene.threshold:g}" if scene.threshold else "")

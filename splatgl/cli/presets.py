@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.cli.options import add_backend, add_source, add_view, record_of, scene_from
+from splatgl.data.halving import subsample
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
@@ -109,10 +110,7 @@ def subsampled(volume: Volume) -> Volume:
     step = next(n for n in range(1, level.count + 1) if level.count <= MOST * n**3)
     if step == 1:
         return replace(level, coarser=())
-    samples = level.samples[::step, ::step, ::step]
-    color = None if level.color is None else level.color[::step, ::step, ::step]
-    x, y, z = (step * length for length in level.spacing)
-    return replace(level, samples=samples, color=color, spacing=(x, y, z), vectors=None, coarser=())
+    return subsample(replace(level, coarser=()), step)
 
 
 def draw_preset(

@@ -8,7 +8,6 @@ the mean of values would lose the thread.
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,6 @@ from splatgl.errors import expected, missing_extra
 from splatgl.fileio import atomic_folder, check_folder
 from splatgl.scene.open_scene import print_notes
 from splatgl.splat.extract import extract
-from splatgl.splat.grid import Grid
 from splatgl.splat.regions import OPAQUE, extinction_of
 from splatgl.splat.transfer import Transfer
 from splatgl.writers import ome
@@ -72,7 +70,7 @@ def write(path: Path, volume: Volume, transfer: Transfer) -> list[Places]:
     import zarr
 
     group = zarr.open_group(path, mode="w", zarr_format=2)
-    unit = transfer.unit or Grid.of(volume).mean_spacing
+    unit = transfer.length(volume)
     grids = level_grids(volume)
     opacity, color = _arrays(group, 0, volume.shape)
     for low, high in level_boxes(volume.shape):
@@ -115,8 +113,7 @@ def classified(volume: Volume, transfer: Transfer, low: Places, high: Places) ->
     first, last = volume.around(low, high, HALO)
     part = volume.part(first, last)
     inside = tuple(slice(a - f, b - f) for a, b, f in zip(low, high, first, strict=True))
-    unit = transfer.unit or Grid.of(volume).mean_spacing
-    splats = extract(part, replace(transfer, unit=unit), classification="pre")
+    splats = extract(part, transfer, classification="pre")
     opacity, shade = np.zeros(part.shape, np.float32), np.zeros((*part.shape, 3), np.uint8)
     x, y, z = splats.records["position"].T
     opacity[z, y, x] = -np.expm1(-splats.records["optical_depth"].astype(np.float64))

@@ -25,7 +25,6 @@ from splatgl.options import declared
 from splatgl.scene.draw import WorkerOptions, terminal_bar
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.extract import extract
-from splatgl.splat.grid import Grid
 from splatgl.splat.kernels import require_built_in
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
@@ -228,8 +227,6 @@ def subject(source: str, level: Level) -> Subject:
     scene.require_one_volume()
     volume = scene.open()
     transfer, scene = scene.transfer_for(volume), scene.cut(volume)
-    # keep the unit length of opacities when voxels are merged
-    transfer = replace(transfer, unit=transfer.unit or Grid.of(volume).mean_spacing)
     splats = extract(volume, transfer, scene.threshold, classification="pre")
     if not len(splats):
         raise expected(source, "voxels that are not transparent", "none", "give a scene.toml with a transfer function")

@@ -84,6 +84,7 @@ def as_json(source: str, volume: Volume) -> str:
         **{name: getattr(volume, name) for name in ("name", "unit", "frame", "quantity", "value_unit")},
         "voxels": volume.shape[::-1],
         **{name: getattr(volume, name) for name in ("spacing", "origin", "times", "time_step")},
+        "opacity_lengths": volume.lengths._asdict(),
         "time_values": None if volume.moments is None else volume.moments.values,
         "time_unit": "" if volume.moments is None else volume.moments.unit,
         "direction": volume.direction.tolist(),
@@ -160,10 +161,12 @@ def _grid_lines(volume: Volume) -> list[str]:
     depth, height, width = volume.shape
     unit = f" {volume.unit}" if volume.unit else ""
     size = np.array([width, height, depth]) * volume.spacing
+    lengths = (volume.lengths.spacing, unit, volume.lengths.extent, unit)
     lines = [
         _line("voxels", f"{width} × {height} × {depth}   ({width * height * depth:,})"),
         _line("spacing", _times(volume.spacing) + unit),
         _line("size", _times(size) + unit),
+        _line("opacities", "per {:.4g}{}, the mean spacing; --unit extent: per {:.4g}{}".format(*lengths)),
         _line("origin", ", ".join(_number(value) for value in volume.origin)),
     ]
     if not np.allclose(volume.direction, np.eye(3), atol=1e-9):

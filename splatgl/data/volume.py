@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 
@@ -69,6 +69,25 @@ class Hints:
     orthographic: bool = False
     stack: bool = False
     values: str | None = None
+
+
+# lengths per side of a cube as large as a volume's box
+PER_EXTENT = 100
+
+
+class Lengths(NamedTuple):
+    """World lengths that opacities may refer to. spacing: |det A|^(1/3), the mean spacing; extent: cube root of the
+    box's volume by PER_EXTENT, whatever its samples: the mean spacing of 100³ of them.
+    """
+
+    spacing: float
+    extent: float
+
+    @classmethod
+    def of(cls, matrix: np.ndarray, shape: Sequence[int]) -> Lengths:
+        """The lengths of a grid of a world-from-index matrix [3, 3]."""
+        spacing = float(np.exp(np.linalg.slogdet(matrix)[1] / 3))
+        return cls(spacing, spacing * math.prod(shape) ** (1 / 3) / PER_EXTENT)
 
 
 @dataclass(frozen=True)
@@ -184,6 +203,7 @@ class Volume:
     quantity: str = ""
     masks: tuple[Any, ...] = ()
     points: Points | None = None
+    whole: Lengths | None = None
 
     def __post_init__(self) -> None:
         parts = all(hasattr(self.samples, name) for name in ("shape", "dtype", "__getitem__"))
@@ -209,6 +229,9 @@ class Volume:
         if direction.shape != (3, 3) or not np.isfinite(direction).all() or abs(np.linalg.det(direction)) < 1e-9:
             raise expected("direction", "an invertible 3×3 matrix", np.asarray(self.direction).tolist())
         object.__setattr__(self, "direction", direction)
+        if self.coarser:
+            levels = (level if level.whole else replace(level, whole=self.lengths) for level in self.coarser)
+            object.__setattr__(self, "coarser", tuple(levels))
 
     @classmethod
     @with_keywords(keywords_of(ArrayOptions))
@@ -265,6 +288,16 @@ class Volume:
         return apply_mask(self, make_mask(mask, self, labels, outside))
 
     @property
+    def lengths(self) -> Lengths:
+        """Lengths that opacities may refer to: of the whole volume that this is a part or coarser level of."""
+        return self.whole or Lengths.of(self.world_from_index, self.shape)
+
+    @property
+    def shortest(self) -> float:
+        """Mean spacings, as of `lengths`, along the axis of the fewest samples."""
+        return min(self.shape) * (Lengths.of(self.world_from_index, self.shape).spacing / self.lengths.spacing)
+
+    @property
     def world(self) -> World:
         """Frame and unit of the volume's coordinates."""
         from splatgl.data.affine import World
@@ -291,6 +324,7 @@ class Volume:
             vectors=None if vectors is None else vectors * change.turn.astype(vectors.dtype),
             axes=tuple(replace(axis, slope=axis.slope / factor) for axis, factor in axes),
             hints=replace(hints, unit=hints.unit and hints.unit * change.length),
+            whole=self.whole and Lengths(*(length * change.length for length in self.whole)),
             points=points and replace(points, places=points.places * change.factors, size=points.size * change.length),
         )
         return with_parts(placed, lambda part: part.placed(frame, unit))
@@ -460,7 +494,8 @@ class Volume:
         color = None if self.color is None else np.asarray(self.color[box])
         x, y, z = (self.world_from_index @ np.array(low[::-1]) + self.origin).tolist()
         samples = np.asarray(self.samples[box])
-        return replace(self, samples=samples, color=color, vectors=None, origin=(x, y, z), coarser=(), channels=())
+        alone: dict[str, Any] = {"coarser": (), "channels": (), "whole": self.lengths}
+        return replace(self, samples=samples, color=color, vectors=None, origin=(x, y, z), **alone)
 
     def around(self, low: Places, high: Places, halo: int) -> tuple[Places, Places]:
         """The ends of a box of voxels with up to `halo` more on each side."""

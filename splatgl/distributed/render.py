@@ -206,8 +206,8 @@ def draw_parts(
     futures = []
     try:
         futures.append(submit(_level, job, volume))
-        number, transfer, info = outcome(futures[-1], "the picture")
-        job = replace(job, level=number, transfer=transfer)
+        number, info = outcome(futures[-1], "the picture")
+        job = replace(job, level=number)
         futures.append(submit(_shells, job, volume, PARTS * max(len(addresses(client)), 1)))
         how, shells = outcome(futures[-1], "the picture")
         parts = [submit(_part, job, volume, shell) for shell in shells]
@@ -231,12 +231,12 @@ def draw_parts(
     return replace(image, info={**image.info, **info})
 
 
-def _level(job: Job, sent: Volume | None) -> tuple[int, Transfer, dict[str, object]]:
-    """Chooses the level, on a worker; returns its number, transfer function and provenance."""
+def _level(job: Job, sent: Volume | None) -> tuple[int, dict[str, object]]:
+    """Chooses the level, on a worker; returns its number and provenance."""
     from splatgl.gl.large_volumes import choose_level
 
     level = choose_level(_volume(job, sent), job.transfer, job.camera, job.settings, renderer(job.drawing))
-    return level.number, level.transfer, level.info
+    return level.number, level.info
 
 
 def _shells(job: Job, sent: Volume | None, count: int) -> tuple[str, list[Shell]]:

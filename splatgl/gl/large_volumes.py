@@ -43,7 +43,7 @@ SLACK = 1.05
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """The level for a picture. number: 0 is the finest. transfer: opacities refer to the spacing of the finest level.
+    """The level for a picture. number: 0 is the finest.
 
     off: RMSE of the levels that were tried, by number, to the finest level, supersampled, in `boxes` boxes. allowed:
     largest RMSE of a coarser level.
@@ -51,7 +51,6 @@ class Level:
 
     number: int
     volume: Volume
-    transfer: Transfer
     off: dict[int, float]
     allowed: float
     boxes: int
@@ -77,20 +76,17 @@ def choose_level(
     is at most that of the finest level with these settings, or the tolerance. Errors are to the finest level,
     supersampled. renderer: an open one; None: opens one.
     """
-    finest = Level(0, single_level(volume, 0), transfer, {}, 0.0, 0)
+    finest = Level(0, single_level(volume, 0), {}, 0.0, 0)
     coarsest = coarsest_fine_level(volume, camera)
     if coarsest == 0:
         return finest
     if renderer is None:
         with Renderer() as opened:
             return choose_level(volume, transfer, camera, settings, opened)
-    # opacities refer to the finest voxels
-    spacing = Grid.of(volume).mean_spacing
-    transfer = replace(transfer, unit=transfer.unit or spacing)
     boxes = list(_boxes(volume, coarsest, transfer, camera, settings, renderer))
     if not boxes:
         return finest
-    fine = replace(finest, transfer=transfer, boxes=len(boxes))
+    fine = replace(finest, boxes=len(boxes))
     # the tolerance of sums is relative to the brightest pixel
     one = max(float(box.right.pixels.max()) for box in boxes) if BLENDS[settings.blend].unbounded else 1.0
     own = _rmse([(box.image, box.right) for box in boxes])
@@ -100,7 +96,7 @@ def choose_level(
         drawn = [_drawn(_cut(chosen, *box.ends), transfer, box.camera, settings, renderer) for box in boxes]
         off[number] = _rmse([(image, box.right) for image, box in zip(drawn, boxes, strict=True)])
         if off[number] <= allowed:
-            return Level(number, chosen, transfer, off, allowed, len(boxes))
+            return Level(number, chosen, off, allowed, len(boxes))
     return replace(fine, off=off, allowed=allowed)
 
 
@@ -192,7 +188,7 @@ def flat_picture(part: Volume, transfer: Transfer, blend: str, axis: int) -> np.
         return np.concatenate([transfer.color(value) * alpha, alpha], axis=2)
     sizes = np.moveaxis(_magnitude(part), at, 0) if transfer.needs_gradients else np.zeros_like(values)
     colors = None if part.color is None else np.moveaxis(part.color, at, 0)
-    surfaces, length = transfer.surface_matter(), part.spacing[axis] / (transfer.unit or 1.0)
+    surfaces, length = transfer.surface_matter(), part.spacing[axis] / transfer.length(part)
     picture, passed = np.zeros((*values.shape[1:], 4)), np.ones((*values.shape[1:], 1))
     layers = max(AT_ONCE // values[0].size, 1)
     for n in range(0, len(values), layers):
@@ -298,11 +294,11 @@ def render_slabs(
     most = budget() if memory is None else memory
     with nullcontext(renderer) if renderer else Renderer() as drawing:
         level = choose_level(volume, transfer, camera, settings, drawing)
-        bricks = bricks_of(level.volume, level.transfer, settings)
+        bricks = bricks_of(level.volume, transfer, settings)
         need = excess_need(bricks, camera.size, most) if bricks else None
         info = {**level.info, "bricks": 0}
         if bricks is None or need is None:
-            image = drawing.render(extract_for_settings(level.volume, level.transfer, settings), camera, settings)
+            image = drawing.render(extract_for_settings(level.volume, transfer, settings), camera, settings)
             return Image(image.pixels, {**image.info, **info})
         bricks = bricks.limited(most)
         image = drawing.render_bricks(bricks, camera, settings, progress, bands=need.bands(bricks, most))

@@ -132,8 +132,9 @@ def _apply_name(volume: Volume, name: str, form: Format, options: LoadOptions) -
     """The volume with the file's name, and with the spacing and meaning of values that the options state."""
     if options.spacing is not None:
         # where the file does not know its spacing, the levels do not either
-        channels = tuple(replace(channel, spacing=options.spacing, coarser=()) for channel in volume.channels)
-        volume = replace(volume, spacing=options.spacing, coarser=(), channels=channels)
+        alone: dict[str, Any] = {"spacing": options.spacing, "coarser": (), "whole": None}
+        channels = tuple(replace(channel, **alone) for channel in volume.channels)
+        volume = replace(volume, channels=channels, **alone)
     if options.values not in (None, "heights"):
         volume = volume.of_values(options.values)
     suffix = _suffix(Path(name), form)

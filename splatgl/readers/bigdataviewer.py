@@ -19,7 +19,7 @@ import numpy as np
 
 from splatgl.data.affine import unit_name, volume_on_grid
 from splatgl.data.arrays import Changed
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Lengths, Volume
 from splatgl.errors import expected
 from splatgl.readers.channels import MOST_CHANNELS, Channel, ChannelSet, mark_microscope
 from splatgl.readers.common import decoder_errors, find_data_file
@@ -165,7 +165,8 @@ def _read_setup(
         else:
             samples = Changed(samples, samples.shape, unsigned, methodcaller("view", unsigned))
         shift = (factors[level] - 1) / 2
-        volumes.append(volume_on_grid(samples, matrix * factors[level], matrix @ shift + origin, "affine", unit=unit))
+        grid = matrix * factors[level], matrix @ shift + origin
+        volumes.append(volume_on_grid(samples, *grid, "affine", unit=unit, whole=Lengths.of(matrix, image.size)))
     return replace(volumes[0], coarser=tuple(volumes[1:]))
 
 

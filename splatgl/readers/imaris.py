@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.affine import volume_on_grid
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Lengths, Volume
 from splatgl.errors import expected
 from splatgl.readers.channels import Channel, ChannelSet, hex_color, mark_microscope, parse_window
 from splatgl.readers.common import convert_words, decoder_errors, grid_shape, parse_number
@@ -48,8 +48,9 @@ def read(path: Path, options: LoadOptions) -> Volume:
         channel_set = ChannelSet(tuple(_read_channel(file, n) for n in range(channels)), channels > 1, times)
 
         def read_one(channel: int | None) -> Volume:
-            names = [f"DataSet/ResolutionLevel {level}/TimePoint {time}/Channel {channel or 0}" for level in wanted]
-            volumes = [_read_volume(path, _find_group(file, name), image, options) for name in names]
+            place = f"TimePoint {time}/Channel {channel or 0}"
+            whole, *parts = (_find_group(file, f"DataSet/ResolutionLevel {level}/{place}") for level in (0, *wanted))
+            volumes = [_read_volume(path, part, image, options, whole) for part in parts]
             return replace(volumes[0], coarser=tuple(volumes[1:]))
 
         return mark_microscope(channel_set.volume(options, read_one))
@@ -84,13 +85,18 @@ def _count_groups(group: Any, name: str, most: int = _MOST_ENTRIES) -> int:
     return count
 
 
-def _read_volume(path: Path, channel: Any, image: Any, options: LoadOptions) -> Volume:
+def _sizes(channel: Any, padded: Sequence[int]) -> list[int]:
+    return [int(_read_number(channel, f"ImageSize{axis}", size)) for axis, size in zip("XYZ", padded, strict=True)]
+
+
+def _read_volume(path: Path, channel: Any, image: Any, options: LoadOptions, whole: Any) -> Volume:
+    """The volume of a channel at a level. whole: its group at the finest level."""
     data = find_node(channel, "Data", options.anywhere)
     if not hasattr(data, "shape") or not has_real_numbers(data) or len(data.shape) != 3:
         raise expected(f"{channel.name}/Data", "a dataset of real numbers with three axes", "none")
     # 1. the part of the dataset that is the image
     padded = data.shape[::-1]
-    sizes = [int(_read_number(channel, f"ImageSize{axis}", size)) for axis, size in zip("XYZ", padded, strict=True)]
+    sizes = _sizes(channel, padded)
     shape = grid_shape(sizes, "ImageSize")
     if any(size > room for size, room in zip(shape, data.shape, strict=True)):
         raise expected("ImageSize", f"at most the dataset's {padded}", sizes, "the file is damaged")
@@ -99,7 +105,10 @@ def _read_volume(path: Path, channel: Any, image: Any, options: LoadOptions) -> 
     low, high = _read_corner(image, "ExtMin", [0, 0, 0]), _read_corner(image, "ExtMax", sizes)
     matrix = np.diag((high - low) / sizes)
     origin = low + matrix @ (0.5, 0.5, 0.5)
-    return volume_on_grid(samples, matrix, origin, "ExtMin and ExtMax", unit=attribute_text(image, "Unit"))
+    finest = _sizes(whole, whole["Data"].shape[::-1])
+    lengths = Lengths.of(np.diag((high - low) / finest), finest)
+    unit = attribute_text(image, "Unit")
+    return volume_on_grid(samples, matrix, origin, "ExtMin and ExtMax", unit=unit, whole=lengths)
 
 
 def _read_corner(image: Any, name: str, default: Sequence[float]) -> np.ndarray:

@@ -21,7 +21,7 @@ from splatgl.data.affine import (
     value_unit_name,
 )
 from splatgl.data.times import Times, seconds_in
-from splatgl.data.volume import Hints, Label, Triple, Volume
+from splatgl.data.volume import Hints, Label, Lengths, Triple, Volume
 from splatgl.errors import Choice, expected, import_extra, list_names
 from splatgl.fileio import WHOLE_BYTES, byte_count
 from splatgl.readers.channels import MOST_CHANNELS, Channel, ChannelSet, hex_color, mark_microscope, parse_window
@@ -445,7 +445,12 @@ def _read_volume(
         about = array_fields(node.path.rsplit("/", 1)[-1], array.dtype, unit, grid.unit)
         return grid.volume(samples, "coordinates", **about)
     spacing, origin = _grid(multiscale, _plain(node.path[len(group.path) :]), names)
-    return Volume(samples, spacing, origin, unit=_unit(multiscale)[0])
+    path = multiscale["datasets"][0]["path"]
+    finest, whole = group.get(path), None
+    if finest is not None and finest is not node:
+        shape = [finest.shape[names.index(axis)] for axis in SPACE if axis in names]
+        whole = Lengths.of(np.diag(_grid(multiscale, path, names)[0]), shape)
+    return Volume(samples, spacing, origin, unit=_unit(multiscale)[0], whole=whole)
 
 
 def _metadata(group: Any) -> Mapping[str, Any]:

@@ -19,7 +19,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.data.affine import shared_unit, unit_name
-from splatgl.data.volume import Triple, Volume, triple
+from splatgl.data.volume import Lengths, Triple, Volume, triple
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
 from splatgl.readers.channels import MAGNITUDE_NOTE, magnitudes, mark_microscope, split_colors
@@ -352,7 +352,8 @@ def _level_volume(samples: Any, level: _Series, finest: _Series) -> Volume:
     shrunk = [sizes[0].get(axis, 1) / sizes[1].get(axis, 1) for axis in "XYZ"]
     x, y, z = (size * factor for size, factor in zip(finest.grid[0], shrunk, strict=True))
     origin = [(size * (factor - 1)) / 2 for size, factor in zip(finest.grid[0], shrunk, strict=True)]
-    return Volume(samples, (x, y, z), (origin[0], origin[1], origin[2]), unit=finest.grid[1])
+    whole = Lengths.of(np.diag(finest.grid[0]), [sizes[0].get(axis, 1) for axis in "XYZ"])
+    return Volume(samples, (x, y, z), (origin[0], origin[1], origin[2]), unit=finest.grid[1], whole=whole)
 
 
 @contextmanager

@@ -295,7 +295,6 @@ def field_integral(
     free = np.zeros(volume.shape, np.uint8)
     if name != "formula":
         free = distances(dilate(select_needed(_values(volume, post), 2, post.wanted)[0]))
-    unit = transfer.unit or grid.mean_spacing
     shading = transfer.shading and BLENDS[blend].ordered
     gaps = np.argwhere(~np.isfinite(np.asarray(volume.samples)))[:, ::-1]
     marched = Marched(
@@ -303,7 +302,7 @@ def field_integral(
         transfer,
         free,
         grid.mean_spacing,
-        unit,
+        transfer.length(volume),
         LIGHTS["head"] if shading else None,
         mask=MaskField.with_gaps(volume, gaps),
         span=post.span,

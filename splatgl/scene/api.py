@@ -25,7 +25,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import TransferChoice
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import BLENDS, Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.transfer import EXTENT, Transfer
 from splatgl.splat.transfer_files import SUFFIXES
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ KEYWORDS = {
     "mixing": keyword("mixing", MIXING.kind.hint, LINEAR),
     **keywords_of(ArrayOptions),
     **keywords_of(LoadOptions, *names_of(LoadOptions), flags=True),
-    # text: the unit of an array's lengths; a number: the length that opacities refer to
+    # text: the unit of an array's lengths; a number or "extent": the length that opacities refer to
     "unit": keyword("unit", "str | float | None"),
 }
 
@@ -107,12 +107,12 @@ def render(
     and labels (a segmentation); vectors ("magnitude", "direction"), streamlines, arrows (their number, or True);
     surfaces (smoothing of segmentations, or True); clip (a condition or plane, or several), crop, mask (anything
     that `Volume.masked` accepts, or several); meshes; annotate (names as on the command line); threshold, memory;
-    unit (a number: the length that opacities refer to; text: the unit of an array's lengths); options of `load` or
-    `Volume.of` (spacing, array, …); of a Scene or plotter `mixing`: "linear" light, or "display" values as VTK mixes
-    them. background: linear RGB, a name, "#rrggbb" or "transparent"; by default white behind
-    surfaces and black behind glowing matter. `info["notes"]` lists the
-    notes that the command prints about a file, and on options without effect. `render` does not compare the picture
-    with the float64 reference; `check` does. Raises InputError for bad input, and if nothing is visible.
+    unit (a number or "extent": the length that opacities refer to; other text: the unit of an array's lengths);
+    options of `load` or `Volume.of` (spacing, array, …); of a Scene or plotter `mixing`: "linear" light, or "display"
+    values as VTK mixes them. background: linear RGB, a name, "#rrggbb" or "transparent"; by default white behind
+    surfaces and black behind glowing matter. `info["notes"]` lists the notes that the command prints about a file, and
+    on options without effect. `render` does not compare the picture with the float64 reference; `check` does. Raises
+    InputError for bad input, and if nothing is visible.
 
     ```python
     image = sg.render("head.nii.gz", "mri", azimuth=60, size=200, background="white")
@@ -170,8 +170,9 @@ def scene_of(
         for name in rest:
             allowed = f"options of the view, the settings, or {', '.join(reading)}"
             refuse_unknown("options", [name], known, allowed)
-        # a number is the length that opacities refer to
-        of_transfer = {"unit"} if is_number(rest.get("unit")) else set()
+        # a number, or the extent, is the length that opacities refer to
+        unit = rest.get("unit")
+        of_transfer = {"unit"} if is_number(unit) or str(unit) == EXTENT else set()
         scene = _source(x, {name: rest.pop(name) for name in reading if name in rest and name not in of_transfer})
     memory = rest.pop("memory", None)
     if settings is not None:

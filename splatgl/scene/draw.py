@@ -231,7 +231,8 @@ def finish(image: Image, scene: OpenScene) -> Image:
     print_lines([note for note in image.notes if note not in told], scene.is_quiet)
     dpi = scene.file.view.dpi
     on_paper = {} if dpi is None else {"dpi": dpi}
-    image = replace(image, info={**image.info, **provenance_of(scene.file, scene.transfer), **on_paper})
+    about = provenance_of(scene.file, scene.transfer, scene.transfer.length(scene.volume))
+    image = replace(image, info={**image.info, **about, **on_paper})
     image = image.with_notes(scene.volume.notes)
     return annotate(image, scene) if scene.file.annotate else image
 
@@ -248,7 +249,7 @@ def _choose_level(scene: OpenScene, how: DrawOptions) -> tuple[OpenScene, dict[s
             level = choose_level(*arguments, renderer)
         if not scene.is_quiet:
             print(level)
-    return replace(scene, volume=level.volume, transfer=level.transfer, fixed_camera=camera), level.info
+    return replace(scene, volume=level.volume, fixed_camera=camera), level.info
 
 
 def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:

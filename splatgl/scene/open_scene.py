@@ -250,13 +250,14 @@ def with_background(settings: Settings, is_lit: bool) -> Settings:
     return replace(settings, background=WHITE if surfaces and settings.blend == "composite" else BLACK)
 
 
-def provenance_of(file: SceneFile, transfer: Transfer) -> dict[str, object]:
-    """Version, source and transfer function, for an image; of very many labels their number, as readers of PNG limit
-    texts.
+def provenance_of(file: SceneFile, transfer: Transfer, length: float) -> dict[str, object]:
+    """Version, source, transfer function, and the length of its opacities, for an image; of very many labels their
+    number, as readers of PNG limit texts.
     """
     labels = transfer.labels
     text = transfer.to_toml() if len(labels) <= LABELS else f"# {len(labels):,} labels in colours of their numbers"
-    return {"version": __version__, "source": Path(file.volume).name, "threshold": file.threshold, "transfer": text}
+    about: dict[str, object] = {"version": __version__, "source": Path(file.volume).name, "threshold": file.threshold}
+    return {**about, "transfer": text, "opacity_length": length}
 
 
 def print_notes(

@@ -112,7 +112,9 @@ def draw_slices(scene: OpenScene) -> Image:
         "seconds": round(time.perf_counter() - started, 6),
         **({} if file.view.dpi is None else {"dpi": file.view.dpi}),
     }
-    image = Image(pixels, {**info, **provenance_of(file, scene.transfer)}).with_notes(_unused_notes(file))
+    image = Image(pixels, {**info, **provenance_of(file, scene.transfer, scene.transfer.length(volume))}).with_notes(
+        _unused_notes(file)
+    )
     return _annotated(image, scene, cells)
 
 

@@ -15,7 +15,6 @@ from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.options import Group, Kind, checked, declared, no_effect, option
 from splatgl.splat.colormaps import base_name
-from splatgl.splat.grid import Grid
 from splatgl.splat.iso import check_iso
 from splatgl.splat.presets import default_transfer, preset, window_question
 from splatgl.splat.regions import check_regions, move_image
@@ -315,8 +314,7 @@ def seen_through(volume: Volume, transfer: Transfer) -> float:
     """Returns the factor of a volume's opacities by which labels in it are seen."""
     most = max((opacity for _, opacity in transfer.points), default=0.0)
     spacing = np.linalg.norm(volume.world_from_index, axis=0)
-    unit = transfer.unit or Grid.of(volume).mean_spacing
-    wanted = float(-np.expm1(-THROUGH * unit / (spacing * volume.shape[::-1]).min()))
+    wanted = float(-np.expm1(-THROUGH * transfer.length(volume) / (spacing * volume.shape[::-1]).min()))
     return wanted / most if wanted < most else 1.0
 
 

@@ -367,7 +367,7 @@ def bricks_of(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks 
         return None
     kernel = settings.kernel if settings.kernel != "auto" else POST_KERNEL
     all_values = BLENDS[settings.blend].one_value
-    return Bricks.of(volume, ValueClassifier.of(transfer, kernel, volume.shape[::-1], all_values))
+    return Bricks.of(volume, ValueClassifier.of(transfer.on(volume), kernel, volume.shape[::-1], all_values))
 
 
 def required_bricks(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks:

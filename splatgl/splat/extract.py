@@ -135,7 +135,7 @@ def extract(
         splats = Splats.of_points(volume.points, float(transfer.opacity(np.array([1.0]))[0]))
         return replace(splats, name=volume.name, frame=volume.frame)
     spacing = Grid.of(volume).mean_spacing
-    unit = transfer.unit or spacing
+    transfer, unit = transfer.on(volume), transfer.length(volume)
     if not 1 / MOST_UNIT <= unit / spacing <= MOST_UNIT:
         raise expected("unit", f"a length within {MOST_UNIT:g} of the spacing, {spacing:g}", f"{unit:g}")
     why = why_only_pre(volume, transfer, threshold)
@@ -167,7 +167,7 @@ def _extract_visible(
     reach: cells of hidden_interior.py that the kernels of pictures reach.
     """
     post = ValueClassifier.of(transfer, kernel, volume.shape[::-1])
-    hidden = HiddenInterior.of(volume, post, transfer.unit or Grid.of(volume).mean_spacing, reach)
+    hidden = HiddenInterior.of(volume, post, transfer.length(volume), reach)
     splats = _extract_values(volume, post, slab, progress, hidden)
     many = len(splats) + (hidden.count if hidden else 0) > MOST_KEPT
     if many and len(splats) > MOST_KEPT:
@@ -294,7 +294,7 @@ def extract_pre(
     depth = volume.shape[0]
     grid = Grid.of(volume)
     lookup = Lookup.of(transfer, volume.samples.dtype, threshold, record_type(volume.shape, post=False))
-    unit = transfer.unit or grid.mean_spacing
+    unit = transfer.length(volume)
     dropped = Dropped(volume.shape) if threshold > 0 else None
 
     normals = LabelNormals.empty(volume) if transfer.labels else None

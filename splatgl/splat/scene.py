@@ -57,7 +57,7 @@ def channel_colors(channels: Sequence[Volume]) -> list[str]:
 
 def channel_opacity(volume: Volume, blend: str) -> float:
     """Opacity of the brightest values of a channel in a blend: SOLID where a pixel shows one value of its ray."""
-    through = float(np.clip(-np.expm1(-THROUGH / min(volume.shape)), LEAST, SURFACE))
+    through = float(np.clip(-np.expm1(-THROUGH / volume.shortest), LEAST, SURFACE))
     return SOLID if BLENDS[blend].one_value else through
 
 

@@ -369,7 +369,7 @@ class Splats:
 
     def with_classifier(self, post: ValueClassifier) -> Splats:
         """The same records classified by `post`, whose low and span must be theirs."""
-        unit = post.transfer.unit or self.grid.mean_spacing
+        unit = post.transfer.unit if isinstance(post.transfer.unit, float) else self.grid.mean_spacing
         splats = replace(self, post=post, unit=unit, shaded=post.transfer.shading, source=None)
         return self._share_cache(splats, {"index_bounds", "outline"})
 

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from splatgl.data.color import linear_from_srgb, srgb_of_name
+from splatgl.data.volume import PER_EXTENT, Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import load_table, parse_table, toml_value, write_file
 from splatgl.options import (
@@ -34,6 +35,9 @@ Nodes = Sequence[Sequence[float]]
 
 # what opacity and colour may be linear in: values or their logarithms; and nodes of a decade of the latter
 SCALES, A_DECADE = ("linear", "log"), 16
+# the length that a volume's box gives, see `Lengths`
+EXTENT = "extent"
+_LENGTH = Kind.number(low=0, above=True)
 
 
 def _nodes(what: str, second: str, pairs: Any) -> Nodes:
@@ -66,6 +70,10 @@ def _hull(regions: Sequence[Region], labels: Sequence[tuple[int, str, float]]) -
     return ((min(ends), 0.0), (max(ends), SOLID if labels else 0.0))
 
 
+def _unit(value: Any) -> Any:
+    return value if isinstance(value, str) and value == EXTENT else _LENGTH.check(value)
+
+
 def _colormap(name: Any) -> str:
     if not isinstance(name, str):
         raise ValueError
@@ -81,11 +89,11 @@ class Transfer:
     """t = F(∇, ρ) = opacity(ρ) · weight(|∇|), and the colour of ρ.
 
     points: (value, opacity) nodes, linear between them and constant outside; opacity in [0, 1] per
-    `unit` world lengths (None: the volume's mean spacing). A repeated value is a step, and a value
-    exactly there takes the upper side. gradient: (|∇|, weight) nodes in values per world length,
-    weights in [0, 1]; none means no influence. regions: further matter in the plane of value and gradient magnitude, as
-    Region or text; extinctions add. With regions or labels, points may be left out. colormap spans `window`
-    (None: first to last point).
+    `unit` world lengths (None: the volume's mean spacing; "extent": the cube root of its box's volume, by 100). A
+    repeated value is a step, and a value exactly there takes the upper side. gradient: (|∇|, weight) nodes in values
+    per world length, weights in [0, 1]; none means no influence. regions: further matter in the plane of value and
+    gradient magnitude, as Region or text; extinctions add. With regions or labels, points may be left out. colormap
+    spans `window` (None: first to last point).
     labels: (number, "#rrggbb", opacity) of each visible label, for samples that number segments; other numbers are
     clear. Points and colormap are then ignored.
     iso: surfaces where the field passes a value, each (value, "#rrggbb" or "", opacity), see `Iso`.
@@ -116,10 +124,17 @@ class Transfer:
         level="basic",
     )
     window: Sequence[float] | None = _option(None, Kind.interval(), "values that the colours span", level="basic")
-    unit: float | None = _option(
+    unit: float | Literal["extent"] | None = _option(
         None,
-        Kind.number("a positive, finite length in world units", 0, above=True, metavar="L"),
-        "world length that opacities refer to (default: mean spacing)",
+        Kind(
+            f"a positive, finite length in world units, or {EXTENT}",
+            _unit,
+            lambda text: text if text == EXTENT else float(text),
+            f"L|{EXTENT}",
+            hint='float | Literal["extent"]',
+        ),
+        "world length that opacities refer to (default: mean spacing). extent: cube root of the box's volume / "
+        f"{PER_EXTENT}, whatever the sampling",
     )
     gradient: Nodes = _option(
         (),
@@ -223,13 +238,24 @@ class Transfer:
         most = max(opacity for _, opacity in self.points)
         return replace(self, points=tuple((value, most - opacity) for value, opacity in self.points))
 
+    def length(self, volume: Volume) -> float:
+        """World length that opacities refer to in a volume, a part or level of it."""
+        if isinstance(self.unit, float):
+            return self.unit
+        return volume.lengths.spacing if self.unit is None else volume.lengths.extent
+
+    def on(self, volume: Volume) -> Transfer:
+        """The same with its length in a volume as a number."""
+        return self if isinstance(self.unit, float) else replace(self, unit=self.length(volume))
+
     def rescaled(self, length: float) -> Transfer:
         """The same where lengths are `length` times these numbers."""
         if length == 1:
             return self
         gradient = tuple((magnitude / length, weight) for magnitude, weight in self.gradient)
         regions = tuple(region.rescaled(length) for region in self.regions)
-        return replace(self, unit=self.unit and self.unit * length, gradient=gradient, regions=regions)
+        unit = self.unit * length if isinstance(self.unit, float) else self.unit
+        return replace(self, unit=unit, gradient=gradient, regions=regions)
 
     def surface_matter(self) -> np.ndarray:
         """[n, 4]: emission and optical depth of the iso-surfaces."""

@@ -422,7 +422,7 @@ def _channels(
         shown = Layer(samples, style.stated, threshold=source.threshold, clip=channel.clip, uncut=channel.uncut)
         for part in shown.parts():
             layer = LayerSplats.of_layer(name, scene, part)
-            pairs.append((layer, replace(style.with_unit(layer.transfer.unit), scissors=layer.scissors)))
+            pairs.append((layer, replace(style, scissors=layer.scissors)))
     return pairs
 
 

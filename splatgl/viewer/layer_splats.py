@@ -6,8 +6,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from splatgl.data.affine import World
 from splatgl.data.halving import halve_volume
 from splatgl.data.volume import Volume
@@ -17,7 +15,6 @@ from splatgl.splat.camera import Bounded
 from splatgl.splat.clipping import Plane, change_planes, check_planes
 from splatgl.splat.culling import visible_shell
 from splatgl.splat.extract import Progress, extract, why_only_pre
-from splatgl.splat.grid import Grid
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.resolve import extraction_kind, why_per_splat
 from splatgl.splat.scene import Layer
@@ -68,9 +65,6 @@ class LayerSplats:
         """The voxels of a layer, or their first stand-in, with the splats of the coarsest stride."""
         volume, transfer = layer.volume, layer.seen
         shown = choose_stand_in(volume, transfer, scene.settings)
-        if shown.note or shown.finer:
-            # opacities refer to the finest voxels
-            transfer = replace(transfer, unit=transfer.unit or _spacing(volume))
         clip = None if layer.clip is None else check_planes(layer.clip)
         return cls(name, scene, (), transfer, layer.threshold, volume.world, clip).with_stand_in(shown)
 
@@ -170,13 +164,8 @@ class LayerSplats:
             # previews drop nearly transparent splats
             how = "post-lean" if how == "post" and stride > 1 else how
             options = {"progress": progress, "classification": how, "kernel": kernel}
-            transfer = self._transfer_at(stride, self.transfer)
-            self.made[stride] = extract(volume, transfer, self.threshold, **options)  # type: ignore[arg-type]
+            self.made[stride] = extract(volume, self.look, self.threshold, **options)  # type: ignore[arg-type]
         return self.made[stride]
-
-    def _transfer_at(self, stride: int, transfer: Transfer) -> Transfer:
-        look = self._look(transfer)
-        return look if stride == 1 else replace(look, unit=look.unit or _spacing(self.volume))
 
     def shell(self, stride: int, progress: Progress | None = None) -> Splats:
         """The splats at a stride without those hidden from every side."""
@@ -204,7 +193,7 @@ class LayerSplats:
         """A copy with another transfer function, which keeps the splats whose values serve both."""
         post = self.variants.get(True, self)
         made = {
-            stride: splats.with_classifier(splats.post.with_transfer(self._transfer_at(stride, transfer)))
+            stride: splats.with_classifier(splats.post.with_transfer(self._look(transfer).on(self.volume)))
             for stride, splats in post.made.copy().items()
             if splats.post is not None and splats.holds(transfer)
         }
@@ -263,8 +252,3 @@ class LayerSplats:
     def why_pre_classified(self, settings: Settings, moving: bool) -> str | None:
         """The reason why splats are classified before reconstruction; None if the settings allow either."""
         return why_only_pre(self.volume, self.transfer, self.threshold) or why_per_splat(settings, moving)
-
-
-def _spacing(volume: Volume) -> float:
-    """Mean spacing, world units: the default unit length of opacities."""
-    return Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing

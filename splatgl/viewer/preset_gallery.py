@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from imgui_bundle import imgui
 
+from splatgl.data.halving import subsample
 from splatgl.data.volume import Volume
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
@@ -19,7 +20,6 @@ from splatgl.splat.settings import Settings
 from splatgl.splat.statistics import Statistics
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.panel_sections import label_left, shorten
-from splatgl.viewer.stand_in import subsample
 from splatgl.viewer.thumbnails import MOST_VOXELS, reduce_volume
 from splatgl.viewer.trackball import Pose
 
@@ -97,8 +97,7 @@ class PresetGallery:
             # of a volume that takes long to halve, every so many voxels
             step = int(np.ceil((self.volume.count / MOST_VOXELS) ** (1 / 3)))
             self.small = reduce_volume(self.volume) or subsample(self.volume, step)
-        unit = self.transfers[name].unit or float(np.mean(self.volume.spacing))
-        scene = Scene([Layer(self.small, replace(self.transfers[name], unit=unit))])
+        scene = Scene([Layer(self.small, self.transfers[name])])
         settings = Settings(background="black", tolerance=8 / 255)
         image = renderer.render(scene, pose.resized((PIXELS, PIXELS)).camera, settings, verify_bound=False)
         with current(ctx):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.data.halving import FEWEST, halve_volume
+from splatgl.data.halving import FEWEST, halve_volume, subsample
 from splatgl.data.volume import Volume
 from splatgl.fileio import budget, format_bytes
 from splatgl.splat.bricks import bricks_of, estimate_need
@@ -50,20 +50,6 @@ def choose_stand_in(volume: Volume, transfer: Transfer, settings: Settings) -> S
     base = levels[-1]
     step = max(2, int(np.ceil((base.count / STAND_IN) ** (1 / 3))))
     return StandIn(subsample(base, step), f"every {_nth(step)} voxel", lambda: _means(base, transfer, settings, most))
-
-
-def subsample(volume: Volume, step: int) -> Volume:
-    """Every `step`-th voxel along each axis, plane by plane: of a mapped file, only these are read."""
-    color = volume.color
-    planes = [np.asarray(volume.samples[z])[::step, ::step] for z in range(0, volume.shape[0], step)]
-    x, y, z = volume.spacing
-    return replace(
-        volume,
-        samples=np.stack(planes),
-        color=None if color is None else np.asarray(color[::step, ::step, ::step]),
-        vectors=None,
-        spacing=(x * step, y * step, z * step),
-    )
 
 
 def _means(volume: Volume, transfer: Transfer, settings: Settings, most: int) -> StandIn:

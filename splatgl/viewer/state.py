@@ -208,10 +208,6 @@ class LayerStyle:
         table = {f.name: getattr(stated, f.name) for f in fields(Transfer) if getattr(stated, f.name) is not None}
         return {**table, "name_of": self.names} if self.names else table
 
-    def with_unit(self, unit: float | None) -> LayerStyle:
-        """The style with opacities per this length, if the transfer function states none."""
-        return self if unit is None or self.base.unit is not None else replace(self, base=replace(self.base, unit=unit))
-
 
 def stated_transfers(styles: Sequence[LayerStyle]) -> dict[int, Transfer]:
     """Transfer functions of the layers of a file, by their numbers, without those of added layers."""

@@ -52,8 +52,7 @@ def scene_png(scene: Scene) -> bytes | None:
         if small is None:
             return None
         # its opacity is in the transfer function
-        unit = layer.seen.unit or float(np.mean(layer.volume.spacing))
-        layers.append(Layer(small, replace(layer.seen, unit=unit), clip=layer.clip, threshold=layer.threshold))
+        layers.append(Layer(small, layer.seen, clip=layer.clip, threshold=layer.threshold))
     return _draw(Scene(layers, scene.clip, scene.meshes))
 
 

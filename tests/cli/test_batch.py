@@ -121,7 +121,7 @@ CHECKS: dict[str, Callable[[Any], bool]] = {
     "error": lambda value: value is None,
     "notes": lambda value: all(isinstance(text, str) for text in value),
     "camera": lambda value: set(value) == {"eye", "forward", "up", "perspective", "extent"},
-    "transfer": lambda value: set(value) == {"points", "colormap", "window"},
+    "transfer": lambda value: set(value) == {"points", "colormap", "window", "length"},
     "dpi": lambda value: value == 200,
 }
 

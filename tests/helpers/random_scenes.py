@@ -286,6 +286,11 @@ def _iso(draft: Draft) -> list[Any]:
     return draft.one([[low, "", 1.0]], [[low, "#ff8844", 0.4], [high, "", 0.8]])
 
 
+def _unit(draft: Draft) -> float | str:
+    length = draft.between(0.5, 4)
+    return length if length < 2.5 else "extent"
+
+
 def _clip(draft: Draft) -> list[str]:
     x, _, z = (round(place) for place in _own(draft, CENTRE))
     shares = (["x>0.4"], ["y<0.6", "x>0.2"], ["x+y>0.7"], ["z>0.5"])
@@ -372,7 +377,7 @@ LOOK = (
         lambda draft: [[0.0, 0.2], [round((_span(draft)[1] - _span(draft)[0]) / 8, 1), 1.0]],
         lambda draft: draft.kind in AMOUNTS and not draft.has("transfer.iso"),
     ),
-    Option("transfer.unit", 0.25, lambda draft: draft.between(0.5, 4), _of(*AMOUNTS, "labels")),
+    Option("transfer.unit", 0.25, _unit, _of(*AMOUNTS, "labels")),
     Option("transfer.shading", 0.15, lambda draft: draft.one(True, False), _of(*AMOUNTS, "labels")),
     Option("transfer.only_labels", 0.4, lambda draft: draft.one([[1, 1.0]], [[1, 0.3], [5, 0.6]]), _has_segments),
     Option("transfer.name_of", 0.2, lambda draft: [[5, "vessel"]], _has_segments),

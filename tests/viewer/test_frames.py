@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.data.halving import subsample
 from splatgl.readers import load
 from splatgl.scene.meshes import MeshFile
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.scissors import Scissors
-from splatgl.viewer import layer_splats, stand_in
+from splatgl.viewer import layer_splats
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.loading import Added, Files
@@ -251,4 +252,4 @@ def test_finer_voxels_stand_in_the_same_place(
 
 def coarse_first(volume: sg.Volume) -> StandIn:
     """Every second voxel, which all voxels replace."""
-    return StandIn(stand_in.subsample(volume, 2), "every 2nd voxel", lambda: StandIn(volume))
+    return StandIn(subsample(volume, 2), "every 2nd voxel", lambda: StandIn(volume))

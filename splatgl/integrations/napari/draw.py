@@ -194,7 +194,7 @@ def _draw_additive(
     """napari's additive rendering, channel by channel: 1 − Π (1 − colour of a sample)."""
     volume = _volume(layer, viewer)
     values, colors = _palette(layer)
-    step, planes = STEP * float(np.mean(volume.spacing)), _clip_planes(layer, volume, viewer)
+    step, planes = STEP * volume.lengths.spacing, _clip_planes(layer, volume, viewer)
     images, infos = dict[bytes, np.ndarray](), list[dict[str, Any]]()
     channels = [np.minimum(channel, SOLID) for channel in colors[:, :3].T]
     for shares in {channel.tobytes(): channel for channel in channels}.values():
@@ -386,7 +386,7 @@ def _blend_transfer(layer: LayerSnapshot, volume: Volume, blend: str) -> Transfe
     values, colors = _palette(layer)
     opacities = np.ones(2)
     if BLENDS[blend].ordered or BLENDS[blend].unbounded:
-        opacities[:] = 0.0, np.clip(-np.expm1(-THROUGH / min(volume.shape)), LEAST, SURFACE)
+        opacities[:] = 0.0, np.clip(-np.expm1(-THROUGH / volume.shortest), LEAST, SURFACE)
     if blend == "attenuated-mip":
         # napari's maximum is brighter by this factor
         brighter = np.minimum(np.linspace(0.0, 1.0, COLORS) * np.exp(layer.attenuation), 1.0) * (COLORS - 1)
@@ -412,7 +412,7 @@ def _transfer(layer: LayerSnapshot, volume: Volume, viewer: Snapshot, common: st
     if layer.rgb and blend == "composite":
         # bright voxels are solid, and dim ones hide little; alpha is that of a voxel
         shares = np.minimum(colors[:, 3] if layer.data.shape[-1] == 4 else colors[:, 3] ** 2, SOLID)
-        return replace(transfer, points=opacity_nodes(values, shares), unit=float(np.mean(volume.spacing)))
+        return replace(transfer, points=opacity_nodes(values, shares), unit=volume.lengths.spacing)
     low, high = float(values[0]), float(values[-1])
     margin = CUTOFF * (high - low)
     if rendering == "iso":
@@ -420,11 +420,8 @@ def _transfer(layer: LayerSnapshot, volume: Volume, viewer: Snapshot, common: st
         return replace(transfer, points=((threshold, 0.0), (threshold, SOLID)), shading=True)
     if rendering == "translucent" and (colors[:, 3] < 1).any():
         shares = np.minimum(colors[:, 3], SOLID)
-        step = STEP * float(np.mean(volume.spacing))
+        step = STEP * volume.lengths.spacing
         return replace(transfer, points=opacity_nodes(values, shares), unit=step)
-    if blend == "attenuated-mip":
-        # of the finest voxels, also in a preview
-        transfer = replace(transfer, unit=float(np.mean(volume.spacing)) / viewer.look.stride)
     if blend in ("mip", "attenuated-mip") and layer.blending in CUT:
         return replace(transfer, points=((low + margin, 0.0), (low + margin, 1.0)))
     if blend == "minip" and layer.blending in CUT:

@@ -134,7 +134,7 @@ def property_of(volume: Volume, transfer: Transfer, light: Light, lit: bool) -> 
     spacing = float(np.mean(volume.spacing))
     prop.SetScalarOpacity(opacity)
     prop.SetColor(color)
-    prop.SetScalarOpacityUnitDistance(transfer.unit or spacing)
+    prop.SetScalarOpacityUnitDistance(transfer.length(volume))
     if transfer.gradient:
         weights = vtkPiecewiseFunction()
         for size, weight in transfer.gradient:
