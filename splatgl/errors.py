@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -69,9 +70,23 @@ def missing_extra(what: str, library: str, extra: str) -> InputError:
     return InputError(f"{what}: needs the library {library}; install it with: pip install 'splatgl[{extra}]'")
 
 
+# modules that libraries import if they can, and this process does not need; empty where it is a user's program
+NOT_NEEDED: dict[str, str] = {}
+
+
 def import_extra(module: str, what: str, library: str, extra: str) -> Any:
-    """The module of an extra. Raises InputError, which names the extra, if its library is missing."""
+    """The module of an extra, imported without what is NOT_NEEDED. Raises InputError, which names the extra, if its
+    library is missing.
+    """
+    without = NOT_NEEDED.get(module)
+    is_hidden = without is not None and without not in sys.modules and module not in sys.modules
+    if is_hidden:
+        # Python's own way to make an import fail
+        sys.modules[without] = None  # type: ignore[assignment, index]
     try:
         return import_module(module)
     except ImportError as error:
         raise missing_extra(what, library, extra) from error
+    finally:
+        if is_hidden:
+            del sys.modules[without]  # type: ignore[arg-type]

@@ -14,12 +14,11 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from importlib import import_module
-from types import ModuleType
 from typing import NamedTuple, NoReturn, TextIO
 
 from splatgl import __version__
 from splatgl.cli.parser import BAD_INPUT, HelpAll, Parser, one_line
-from splatgl.errors import InputError, expected
+from splatgl.errors import NOT_NEEDED, InputError, expected
 from splatgl.fileio import set_budget
 
 # exit code of a program that a signal ends, less the signal's number: 130 for Ctrl-C
@@ -35,7 +34,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         # products of small matrices alone are computed, for which threads of OpenBLAS wait without sleeping; numpy
         # reads this when it is imported
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        sys.meta_path.insert(0, NibabelAlone)
+        # its extensions of headers are read by no command; it imports it in a third of its time
+        NOT_NEEDED["nibabel"] = "pydicom"
         _occupy_descriptors()
         _hear_signals()
     for stream in (sys.stdout, sys.stderr):
@@ -137,19 +137,6 @@ def _occupy_descriptors() -> None:
         except OSError:
             # gets the lowest free one
             os.open(os.devnull, os.O_RDWR)
-
-
-class NibabelAlone:
-    """Finds no pydicom while nibabel is imported, which takes a third of the time without it: nibabel needs it for
-    extensions of headers, which no command reads.
-    """
-
-    @staticmethod
-    def find_spec(name: str, path: Sequence[str] | None = None, target: ModuleType | None = None) -> None:
-        """Raises ImportError for pydicom."""
-        importing = getattr(getattr(sys.modules.get("nibabel"), "__spec__", None), "_initializing", False)
-        if name == "pydicom" and importing:
-            raise ModuleNotFoundError(name, name=name)
 
 
 def _run(arguments: list[str]) -> int:

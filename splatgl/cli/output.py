@@ -149,7 +149,7 @@ def _behind(image: Image, output: Path) -> str:
 
 def length_name(transfer: Transfer, volume: Volume) -> str:
     """Text on the length that opacities refer to."""
-    why = {None: ", the mean spacing", EXTENT: ", by the extent"}.get(transfer.unit, "")
+    why = ", the mean spacing" if transfer.unit is None else ", by the extent" * (transfer.unit == EXTENT)
     return f"{transfer.length(volume):.4g} {volume.unit or 'units'}{why}"
 
 

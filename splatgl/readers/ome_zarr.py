@@ -446,11 +446,11 @@ def _read_volume(
         return grid.volume(samples, "coordinates", **about)
     spacing, origin = _grid(multiscale, _plain(node.path[len(group.path) :]), names)
     path = multiscale["datasets"][0]["path"]
-    finest, whole = group.get(path), None
+    finest, lengths = group.get(path), None
     if finest is not None and finest is not node:
         shape = [finest.shape[names.index(axis)] for axis in SPACE if axis in names]
-        whole = Lengths.of(np.diag(_grid(multiscale, path, names)[0]), shape)
-    return Volume(samples, spacing, origin, unit=_unit(multiscale)[0], whole=whole)
+        lengths = Lengths.of(np.diag(_grid(multiscale, path, names)[0]), shape)
+    return Volume(samples, spacing, origin, unit=_unit(multiscale)[0], whole=lengths)
 
 
 def _metadata(group: Any) -> Mapping[str, Any]:

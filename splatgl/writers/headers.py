@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.errors import import_extra
 from splatgl.readers.metaimage import TYPES as METAIMAGE_TYPES
 from splatgl.writers import Content, label_colors
 
@@ -41,8 +42,7 @@ def write_nifti_gz(path: Path, content: Content) -> None:
 
 
 def _write_nifti(file: Any, content: Content) -> None:
-    import nibabel
-
+    nibabel = import_extra("nibabel", "NIfTI files", "nibabel", "readers")
     volume, kind = content.volume, content.kind
     shape = [*volume.shape[::-1], *([content.count] if content.count > 1 or kind == "vectors" else [])]
     header = (nibabel.Nifti2Header if max(shape) > MOST_ALONG else nibabel.Nifti1Header)()

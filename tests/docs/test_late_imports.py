@@ -69,6 +69,22 @@ def test_imports_of_nifti(tmp_path: Path) -> None:
     assert code == "0" and "nibabel" in imported and not {"numpy.ma", "pydicom"} & {*imported}
 
 
+def test_a_program_imports_all_of_nibabel(tmp_path: Path) -> None:
+    """The command alone leaves pydicom out of nibabel, and reads DICOM afterwards; importers are Python's own."""
+    path = tmp_path / "cloud.nii"
+    nibabel.save(nibabel.Nifti1Image(np.ones((6, 5, 4), np.int16), np.eye(4)), path)
+    finders = "importers = sys.meta_path[:]\n"
+    ends = (
+        "import nibabel.nifti1, pydicom\nprint(nibabel.nifti1.have_dicom, sys.meta_path == importers, pydicom.config)"
+    )
+    program = f"import sys\n{finders}import splatgl\nsplatgl.load(sys.argv[2])\n{ends}"
+    command = f"import sys\n{finders}from splatgl.cli.main import main\nmain()\n{ends}"
+    for text, expected in ((program, ["True", "True"]), (command, ["False", "True"])):
+        run = [sys.executable, "-c", text, "info", path]
+        told = subprocess.run(run, capture_output=True, text=True, check=True)
+        assert told.stdout.splitlines()[-1].split()[:2] == expected
+
+
 def test_help_tells_the_defaults_of_the_window(capsys: pytest.CaptureFixture[str]) -> None:
     """They are imported with what draws; the help names them before."""
     for arguments in (["--help-all"], ["missing.nrrd", "--ground", "blue"]):

@@ -162,7 +162,7 @@ def test_what_is_told_of_the_length(tmp_path: Path, capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize("unit", ["0", "-1", "nan", "box", ""])
 def test_other_lengths_are_refused(unit: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     try:
-        code = main(["render", "tangle", "-o", str(tmp_path / "b.png"), "--unit", unit])
+        code = main(["render", "tunnel", "-o", str(tmp_path / "b.png"), "--unit", unit])
     except SystemExit as end:
         code = int(end.code or 0)
     assert code == 2 and not (tmp_path / "b.png").exists()
