@@ -144,19 +144,18 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="module", autouse=True)
-def sound_files(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Files that a test has just written by h5py are not first tried in another process, except where they are
-    damaged, or a test replaces what is tried there.
+@pytest.fixture(scope="module")
+def sound_files() -> Iterator[None]:
+    """Files that a test has just written by h5py are not first tried in another process, unless a test replaces what is
+    tried there.
     """
     probe, script = hdf5_files.probe, hdf5_files._PROBE
     with pytest.MonkeyPatch.context() as patch:
-        if "hostile" not in request.module.__name__:
-            patch.setattr(hdf5_files, "probe", lambda path: None if script == hdf5_files._PROBE else probe(path))
+        patch.setattr(hdf5_files, "probe", lambda path: None if script == hdf5_files._PROBE else probe(path))
         yield
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module")
 def shared_programs() -> Iterator[None]:
     """Commands that are called in a test's process draw with the renderer of `sg.render`, whose programs are there."""
     drawing, early, opening = DrawOptions.renderer, DrawOptions.open_early, vars(renderers)["open_context"]

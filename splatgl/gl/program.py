@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from typing import cast
+from typing import TypeAlias, cast
 
 import moderngl
 import numpy as np
@@ -18,7 +18,7 @@ from splatgl.splat.settings import BlendMode
 
 Switches = Mapping[str, str | int | bool]
 Chosen = tuple[tuple[str, str | int | bool], ...]
-Compiled = moderngl.Program | moderngl.ComputeShader
+Compiled: TypeAlias = moderngl.Program | moderngl.ComputeShader
 
 # maximum number of cached programs: a combination of settings needs about five, of 2 MB each with llvmpipe
 MOST_PROGRAMS = 48

@@ -28,6 +28,8 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from tests.helpers.bricks import noise
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
 # seconds after which a thread hangs
 LONGEST = 300.0

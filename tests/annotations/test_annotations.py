@@ -25,6 +25,8 @@ from splatgl.data.affine import Coordinate, make_lattice
 from splatgl.data.halving import halve_volume
 from splatgl.scene.scene_file import SceneFile
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 ALL = ("scale", "colorbar", "axes", "directions", "title=Head", "time=3 h")
 VOLUME = sg.Volume(np.zeros((9, 9, 9), np.float32), unit="mm", frame="LPS", name="ct")
 TRANSFER = sg.Transfer([(0, 0), (100, 0.5)], colormap="viridis")

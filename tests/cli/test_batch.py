@@ -18,6 +18,8 @@ from splatgl.cli import presets
 from splatgl.cli.main import main
 from splatgl.data.image import Image
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 GUIDE = Path(__file__).parents[2] / "splatgl" / "docs" / "publishing.md"
 Said = pytest.CaptureFixture[str]
 

@@ -25,6 +25,8 @@ from splatgl.options import MEANINGS, nearest
 from splatgl.scene.api import scene_of
 from splatgl.scene.scene_file import SceneFile
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 Said = pytest.CaptureFixture[str]
 
 

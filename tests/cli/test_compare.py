@@ -23,6 +23,8 @@ from splatgl.comparison.pairs import Files, compare_all, compare_files
 from splatgl.comparison.pictures import find_pairs
 from splatgl.comparison.verdict import Criteria
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 RIGHT = sg.Image.load(Path(__file__).parents[1] / "comparison" / "baselines" / "test_scenes" / "letter-f-composite.png")
 
 

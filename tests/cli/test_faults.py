@@ -16,6 +16,8 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 SPLATS = sg.Splats.from_points(np.random.default_rng(1).random((50, 3)) * 9, np.ones((50, 3)), np.ones(50))
 
 

@@ -11,6 +11,8 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.errors import InputError
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 COMMANDS = (
     *("render none.what", "render none", "render none.toml", "render none.stl", "render none.nii.gz"),
     *("render a.npy --mesh none.stl", "render a.npy --mesh none.what", "render a.npy --mask none.what"),

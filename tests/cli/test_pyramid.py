@@ -18,6 +18,8 @@ from splatgl.splat.settings import Settings
 from splatgl.writers import ome
 from tests.helpers.levels import with_levels
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 pytest.importorskip("zarr", reason="needs the extra readers")
 LOOK = sg.Transfer([(0.3, 0.0), (1.0, 0.9)], colormap="hot", shading=False)
 

@@ -18,6 +18,8 @@ from splatgl.comparison.pictures import Picture, match_formats, read
 from splatgl.comparison.verdict import Tolerance, judge
 from splatgl.data.color import linear_from_srgb
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 
 def flat(value: float = 0.25, **info: object) -> sg.Image:
     return sg.Image(np.full((4, 5, 4), value, np.float32), info)

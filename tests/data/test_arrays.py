@@ -14,6 +14,8 @@ import pytest
 import splatgl as sg
 from splatgl.readers import load
 
+pytestmark = pytest.mark.usefixtures("sound_files")
+
 SAMPLES = np.arange(2 * 3 * 4, dtype=np.uint16).reshape(2, 3, 4)
 GIVEN = {"spacing": (1.0, 2.0, 3.0), "origin": (4.0, 5.0, 6.0), "unit": "um", "name": "cells"}
 

@@ -23,6 +23,8 @@ from splatgl.splat.bricks import Bricks, bricks_of
 from splatgl.splat.settings import Settings
 from tests.helpers.bricks import ALL, PICTURES, RAMP, VIEWS, cameras, noise
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 # --- parts, without Dask ----------------------------------------------------------------------------------------------
 
 

@@ -14,6 +14,8 @@ from splatgl.cli.main import main
 from splatgl.gl.screen import GROUNDS
 from splatgl.viewer.display import Options
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 # the exit code, and all that was imported
 TELL = """
 import sys

@@ -24,6 +24,8 @@ from splatgl.readers.remote import address_name, is_address
 from splatgl.scene.meshes import LOOK, split_look
 from tests.helpers.other_system import HIDDEN
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 
 @pytest.fixture
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:

@@ -20,6 +20,8 @@ from splatgl.reference.pick import pick
 from splatgl.splat import bricks
 from splatgl.splat.iso import spline_crossings
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 SIZE, CENTER, RADIUS = 26, np.array([12.7, 12.4, 12.2]), 8.0
 CLEAR = [(0.0, 0.0), (20.0, 0.0)]
 EXACT = sg.Settings(antialias="off", tolerance=1e-3)

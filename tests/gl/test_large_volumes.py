@@ -17,6 +17,8 @@ from splatgl.splat.settings import Settings
 from tests.helpers.bricks import noise
 from tests.helpers.levels import SOFT, with_levels, write
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 
 @pytest.fixture(scope="module")
 def smooth() -> sg.Volume:

@@ -18,6 +18,8 @@ from splatgl.splat.motion_blur import MOTIONS
 from tests.helpers import streaks
 from tests.helpers.splatting import SPLATS, each_two
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 COUNT = 90
 SPACINGS = {"cubes": 1.0, "1:2:0.4": (1.0, 2.0, 0.4)}
 CAMERAS = {

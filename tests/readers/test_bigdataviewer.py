@@ -13,6 +13,8 @@ from splatgl.errors import Choice, InputError
 from splatgl.readers import hdf5_parts, list_volumes, load
 from tests.helpers.microscope_files import NAMES
 
+pytestmark = pytest.mark.usefixtures("sound_files")
+
 h5py = pytest.importorskip("h5py")
 
 # angle, time, channel, z, y, x; numbers above those of int16, as which the format stores them

@@ -19,6 +19,8 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions, orient_stack
 from splatgl.splat.scene import channel_transfers
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 tifffile = pytest.importorskip("tifffile")
 SIZES = {"T": 3, "C": 2, "Z": 4, "Y": 10, "X": 12}
 

@@ -19,6 +19,8 @@ pytest.importorskip("pydicom", reason="writes the files; it is in the extra dico
 from tests.fuzz.seed_dicom import enhanced, image, packed_image, save
 from tests.helpers.dicom import HU, written
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 # a tilted patient: rows along (0.8, 0.6, 0), columns along z
 ROWS, COLUMNS = (0.8, 0.6, 0.0), (0.0, 0.0, -1.0)
 NORMAL = np.cross(ROWS, COLUMNS)

@@ -22,6 +22,8 @@ pytest.importorskip("pydicom", reason="writes the files; it is in the extra dico
 from tests.fuzz.seed_dicom import enhanced, image, packed_image, save
 from tests.helpers.dicom import HU, written
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 # --- slices that make no plain stack ----------------------------------------------------------------------------------
 
 

@@ -17,6 +17,8 @@ from splatgl.errors import InputError
 pytest.importorskip("pydicom", reason="writes the files; it is in the extra dicom")
 from tests.fuzz.seed_dicom import image, save
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 SEG, STRUCTURES = "1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.481.3"
 # 7 rows and columns: frames of 49 bits do not end at bytes
 SHAPE, STEP = (8, 7, 7), 3.0

@@ -21,6 +21,8 @@ from splatgl.readers.common import is_mapped
 from splatgl.readers.hdf5 import _SPACINGS
 from tests.helpers.phantom import SPACING, F
 
+pytestmark = pytest.mark.usefixtures("shared_programs", "sound_files")
+
 h5py = pytest.importorskip("h5py")
 
 BIG = np.random.default_rng(1).integers(0, 2**16, (40, 50, 60), np.uint16)

@@ -16,6 +16,8 @@ from splatgl.readers import hdf5_parts, list_volumes
 from splatgl.readers.chunked import Chunked
 from splatgl.readers.contents import identify
 
+pytestmark = pytest.mark.usefixtures("sound_files")
+
 h5py = pytest.importorskip("h5py")
 
 F = (np.arange(4 * 5 * 6).reshape(4, 5, 6) * 7 % 251).astype(np.float32)

@@ -14,6 +14,8 @@ from splatgl.readers.common import is_mapped
 from splatgl.readers.options import CONVERTERS
 from tests.helpers.phantom import ORIGIN, SPACING, F, check
 
+pytestmark = pytest.mark.usefixtures("sound_files")
+
 COLORS = np.random.default_rng(3).integers(0, 255, (*F.shape, 3), np.uint8)
 
 

@@ -18,6 +18,8 @@ from splatgl import fileio
 from splatgl.cli.main import main
 from splatgl.errors import InputError
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 MIB = 2**20
 # of zeros, and the memory that may be taken
 SHAPE, BUDGET = (24, 1024, 1024), 8 * MIB

@@ -18,6 +18,8 @@ from splatgl.splat.ray_overlap import ray_overlap
 from splatgl.splat.splats import HALF_WIDTH
 from tests.helpers.points import BYTES, COLORED, PLACES, write_las, write_pcd, write_ply
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 Said = pytest.CaptureFixture[str]
 
 

@@ -22,6 +22,8 @@ from splatgl.scene.scene_file import SceneFile
 from tests.helpers.bricks import noise
 from tests.helpers.levels import SOFT, with_levels, write
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 pytest.importorskip("fsspec", reason="needs the extra remote")
 pytest.importorskip("aiohttp", reason="needs the extra remote")
 

@@ -14,6 +14,8 @@ from splatgl.errors import InputError
 from splatgl.reference.depth_map import depths
 from tests.helpers.noise import GRIDS
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 # opaque within a ten-thousandth of a spacing behind its edge
 WALL = sg.Transfer([(0.0, 0.0), (0.0, 1.0)], unit=1e-3, shading=False)
 SIZE = (33, 27)

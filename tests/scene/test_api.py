@@ -25,6 +25,8 @@ from splatgl.scene.view import ViewOptions
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.viewer.show import in_notebook
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 
 @pytest.fixture
 def volume() -> sg.Volume:

@@ -16,6 +16,8 @@ from splatgl.options import declared
 from splatgl.scene.open_scene import BLACK, WHITE, OpenScene, with_background
 from splatgl.scene.scene_file import SceneFile
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 SURFACE = sg.Transfer([(0.4, 0.0), (0.6, 0.9)])
 GLOW = sg.Transfer([(0.4, 0.0), (0.6, 0.9)], shading=False)
 SAME = ["--size", "20", "--check", "0"]

@@ -24,6 +24,8 @@ from splatgl.viewer.state import State
 from tests.helpers.meshes import PLAIN, RED, cloud
 from tests.helpers.points import write_ply
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 CLEAR = sg.Transfer([(0.0, 0.0)], colormap="viridis", window=(0, 24))
 MIDDLE, RADIUS = np.full(3, 11.5), 8.0
 UNLIT = PLAIN.but(shading="off")

@@ -18,6 +18,8 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.presets import SOLID, default_transfer, preset, window_question
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 
 def ct() -> sg.Volume:
     """Air, a ball of water and bone in it, in Hounsfield units."""

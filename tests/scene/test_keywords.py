@@ -22,6 +22,8 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 N, SIZE = 10, 24
 POINTS = ((20.0, 0.0), (150.0, 0.6))
 

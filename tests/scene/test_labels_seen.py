@@ -21,6 +21,8 @@ from splatgl.viewer.loading import Added, Files
 from splatgl.viewer.saving import scene_of
 from splatgl.viewer.state import History, State
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 SIZE = (48, 48)
 
 

@@ -18,6 +18,8 @@ from splatgl.scene.view import ViewOptions
 from splatgl.splat.scene import join_pictures
 from splatgl.splat.settings import Technique
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 FOG = {"a": (0.05, "gray"), "b": (0.12, "viridis")}
 PLAIN = sg.Settings(antialias="off", occlusion="off")
 

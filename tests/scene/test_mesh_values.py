@@ -26,6 +26,8 @@ from splatgl.viewer.overlays import annotation_inputs
 from splatgl.viewer.state import State
 from tests.helpers.meshes import PLAIN, along_y, block, cloud, knots
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 CLEAR = sg.Transfer([(0.0, 0.0), (1.0, 0.0)])
 UNLIT = PLAIN.but(shading="off")
 

@@ -20,6 +20,8 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.lighting import AMBIENT, DIFFUSE, LIGHTS
 from tests.helpers.meshes import PLAIN, RED, along_y, block, cloud, knots
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 OPACITY = 0.05
 FOG = sg.Transfer([(0.0, OPACITY)], colormap="gray", window=(0, 2), unit=1.0)
 GRAY = float(linear_from_srgb(0.5))

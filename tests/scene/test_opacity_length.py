@@ -24,6 +24,8 @@ from splatgl.viewer.loading import _opened
 from splatgl.viewer.thumbnails import reduce_volume
 from tests.helpers.levels import with_levels, write
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 SIDE = 48.0
 CAMERA = sg.Camera.look_at((0, -150, 0), (0, 0, 0), (0, 0, 1), fov=30, size=(33, 33))
 SOFT = sg.Transfer([(0, 0.0), (1, 0.05)], "gray")

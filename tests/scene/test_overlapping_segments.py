@@ -18,6 +18,8 @@ from splatgl.viewer.saving import render_scene, scene_of
 from splatgl.viewer.segments import list_segments
 from splatgl.viewer.state import State
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 COLORS = {"Lung": "0.2 0.4 1", "Rib": "1 0.9 0.2", "Nodule": "1 0.1 0.1"}
 
 

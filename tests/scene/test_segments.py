@@ -16,6 +16,8 @@ from splatgl.data.volume import Label
 from splatgl.fileio import set_budget
 from splatgl.scene.scene_file import SceneFile
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 MIDDLE = np.array([11.7, 11.4, 11.9])
 TABLE = (Label(1, "liver", "#c04020"), Label(2, "tumour", "#20c040", 0.5), Label(9, "vein", hidden=True))
 PLAIN = sg.Settings(antialias="off", occlusion="off")

@@ -20,6 +20,8 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.slice_pixels import layer_painter
 from tests.helpers.meshes import PLAIN, RED, block, cloud, knots
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 OPACITY = 0.05
 FOG = sg.Transfer([(0.0, OPACITY)], colormap="gray", window=(0, 2), unit=1.0)
 RAMP = sg.Transfer([(0.0, OPACITY)], colormap="gray", window=(0, 24), unit=1.0, shading=False)

@@ -19,6 +19,8 @@ from splatgl.viewer.slice_views import panes, slice_up
 from splatgl.viewer.state import State
 from tests.helpers.commands import acted
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 
 def stack(depth: int = 6) -> Volume:
     """Dark, with a bright bar along x near x = 0, y = 0 of the first plane, and a dimmer dot at the end of y."""

@@ -23,6 +23,8 @@ from splatgl.viewer.stand_in import StandIn
 from splatgl.writers.surface import save_mesh
 from tests.helpers.blobs import blob
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 SIZE = (32, 24)
 # numbers of the unit in a millimetre
 PER_MM = {"mm": 1.0, "um": 1000.0, "m": 0.001}

@@ -14,6 +14,8 @@ from splatgl.splat.ambient_occlusion import BEFORE, Coarse, LightVolume, Sweep, 
 from splatgl.splat.grid import trilinear
 from tests.helpers.noise import GRIDS, views
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 PLAIN = sg.Settings(antialias="off", occlusion="off")
 CUES: list[dict[str, Any]] = [{"ambient_occlusion": 1.0}, {"shadows": 1}, {"ambient_occlusion": 0.7, "shadows": 0.6}]
 

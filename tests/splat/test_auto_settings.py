@@ -16,6 +16,8 @@ from splatgl.splat import extract, resolve
 from splatgl.splat.resolve import extract_for_settings, select_splats
 from tests.helpers.splatting import SPLATS
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 TRANSFER = sg.Transfer([(0.3, 0.0), (0.8, 0.6)], colormap="hot", window=(0.0, 1.0))
 DRAWN = ("classification", "kernel", "sheets", "samples")
 TURNING = sg.Motion(spin=(0.0, 0.0, 30.0))

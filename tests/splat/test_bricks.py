@@ -37,6 +37,8 @@ from tests.helpers.noise import GRIDS
 from tests.helpers.regions import half_flat
 from tests.helpers.splatting import spread
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,6 +22,8 @@ from tests.helpers.blocks import FOG, OPACITY, PLAIN, SOLID, block, field, lengt
 from tests.helpers.noise import GRIDS, views
 from tests.helpers.splatting import each_two
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 # normals, and distances from the middle in shares of the diagonal
 CUTS = (((0.3, 0.5, 0.8), -0.05), ((-0.6, 0.2, 0.1), -0.12))
 

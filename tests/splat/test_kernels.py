@@ -19,6 +19,8 @@ from splatgl.splat.kernels import KERNELS, PiecewiseCubic, footprint_table, has_
 from splatgl.studies.accuracy.methods import AXES
 from tests.helpers.splatting import SPLATS
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 
 @pytest.mark.parametrize("name", KERNELS)
 def test_unit_volume(name: str) -> None:

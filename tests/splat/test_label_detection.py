@@ -17,6 +17,8 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.colormaps import label_color, label_opacity
 from splatgl.splat.label_detection import AMOUNTS, LABELS, MASK, kind_of, mark_kind
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 N = 36
 PLACES = np.indices((N, N, N))
 BALL = np.linalg.norm(PLACES - 17.3, axis=0)

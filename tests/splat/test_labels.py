@@ -18,6 +18,8 @@ from splatgl.scene.view import ViewOptions
 from splatgl.splat.colormaps import COLORS, colors_of
 from splatgl.splat.presets import label_transfer
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 TABLE = (Label(2, "liver", "#ff0000"), Label(7, "bone", "#00ff00"), Label(9, "vein"))
 
 

@@ -14,6 +14,8 @@ from splatgl.splat.lighting import LIGHTS, Light
 from splatgl.splat.settings import choices
 from tests.helpers.noise import GRIDS, views
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 PLAIN = sg.Settings(antialias="off", occlusion="off")
 CAMERA = sg.Camera.orthographic((20, 20, -60), (20, 20, 4), (0, -1, 0), 4, (4, 4))
 

@@ -26,6 +26,8 @@ from tests.helpers.blocks import FOG, OPACITY, PLAIN, SOLID, block, field, lengt
 from tests.helpers.noise import GRIDS, views
 from tests.helpers.splatting import each_two
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 
 def blob(volume: sg.Volume, seed: int = 1) -> np.ndarray:
     """A ball, and some voxels alone, bool [D, H, W]."""

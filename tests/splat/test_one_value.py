@@ -19,6 +19,8 @@ from splatgl.splat.settings import BLENDS, Technique
 from tests.helpers.noise import GRIDS, LOOKS, inside, views
 from tests.helpers.splatting import spread
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 TECHNIQUES = ("tiles", "quads")
 BLENDED = tuple(name for name, mode in BLENDS.items() if mode.one_value)
 EXACT = sg.Settings(tolerance=1e-6, antialias="off")

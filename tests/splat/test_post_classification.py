@@ -27,6 +27,8 @@ from splatgl.splat.preintegration import CELLS, ClassIntegral, ValueClassifier, 
 from splatgl.splat.settings import Technique
 from tests.helpers.noise import GRIDS, LOOKS, inside, views
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 EXACT = sg.Settings(tolerance=1e-6, antialias="off")
 RAMP = sg.Transfer([(0.45, 0), (0.6, 0.8)], colormap="hot", shading=True)
 

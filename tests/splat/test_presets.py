@@ -21,6 +21,8 @@ from splatgl.splat.presets import BONE_HU, MEDICAL, PRESETS, SOLID, default_tran
 from splatgl.splat.statistics import PLANES, sorted_percentile, statistics
 from splatgl.splat.transfer import Transfer
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 # presets of tissues between others, which the largest values are none of
 BANDS = ("ct-air", "ct-lung", "ct-muscle", "ct-fat")
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))

@@ -20,6 +20,8 @@ from splatgl.splat.scissors import Scissors
 from tests.helpers.blocks import FOG, OPACITY, PLAIN, SOLID, block, field, lengths
 from tests.helpers.noise import close_up, views
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 TRIANGLE = ((0.25, 0.2), (0.9, 0.35), (0.4, 0.85))
 # an L
 CORNER = ((0.2, 0.1), (0.5, 0.1), (0.5, 0.5), (0.85, 0.5), (0.85, 0.8), (0.2, 0.8))

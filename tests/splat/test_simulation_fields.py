@@ -18,6 +18,8 @@ from splatgl.splat.preintegration import ValueClassifier
 from splatgl.splat.presets import default_transfer, logarithmic_transfer, preset
 from splatgl.splat.transfer import Transfer
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
 NAMED = ["isabel_windspeed_t02", "Density", "gas-temperature", "pressure0", "velocity magnitude", "vel", "qcriterion"]
 UNNAMED = ["tooth", "head_mri", "windows", "p", "t1", "flowers", "stent", ""]

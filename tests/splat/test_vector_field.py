@@ -15,6 +15,8 @@ from splatgl.errors import InputError
 from splatgl.splat.vector_field import VectorField, lines_through, spread_lines
 from tests.helpers.noise import GRIDS
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 Flow = Callable[[np.ndarray], np.ndarray]
 
 

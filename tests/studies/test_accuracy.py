@@ -30,6 +30,8 @@ from splatgl.studies.accuracy.vtk_peers import MAPPERS, Peer
 from splatgl.studies.stress import CASES, run_case
 from tests.helpers.splatting import SPLATS
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 LEVEL = replace(LEVELS["quick"], size=16, rounds=2)
 MACHINE = {
     "renderer": "none",

@@ -22,6 +22,8 @@ from splatgl.studies.accuracy.methods import axis_of, methods
 from splatgl.studies.accuracy.sweep import Results, Store, Sweep, select_methods
 from tests.helpers.noise import close_up
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 LEVEL = replace(LEVELS["quick"], size=16, rounds=1)
 
 

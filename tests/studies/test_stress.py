@@ -20,6 +20,8 @@ from splatgl.studies.stress.case import Bench, Case, Check, Result, check
 from splatgl.studies.stress.report import PAGES, WIDTHS, as_csv, as_json, as_markdown, heading, line, lines, verdict
 from tests.helpers.splatting import SPLATS
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 # columns of a terminal
 TERMINAL = 100
 # quick cases that the paper's settings or formulas must break: what a case asks can be missed

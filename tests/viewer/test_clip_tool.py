@@ -29,6 +29,8 @@ from splatgl.viewer.state import WHOLE, Cuts, History, State
 from splatgl.viewer.trackball import nearest_on_line, pixel_ray, project, project_segment
 from tests.helpers.commands import acted
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 SIZE = (120, 80)
 ORTHOGRAPHIC = sg.Camera.orthographic((1.0, -30.0, 4.0), (2.0, 3.0, 1.0), (0, 0, 1), 40.0, SIZE)
 PERSPECTIVE = sg.Camera.look_at((1.0, -30.0, 4.0), (2.0, 3.0, 1.0), (0, 0, 1), 40.0, SIZE)

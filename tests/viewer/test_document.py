@@ -25,6 +25,8 @@ from tests.helpers.blobs import blob
 from tests.helpers.commands import acted
 from tests.helpers.window import MISSING, Window
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 SIZE = (96, 72)
 # the panel of a window of 640 × 460 pixels
 WIDE = (640, 460)

@@ -16,6 +16,8 @@ from splatgl.viewer.remembered import MOST_RECENT, Arrangement, Recent
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, pointed
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 WITH_GUI = "needs the extra gui: pip install splatgl[gui]"
 # places in a window of 600 × 450 pixels: the section Files, the second file of it; in the dialog, the fifth row

@@ -23,6 +23,8 @@ from splatgl.viewer.state import History, State, stated_transfers
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, pointed
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 SIZE = (32, 24)
 
 

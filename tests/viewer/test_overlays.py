@@ -27,6 +27,8 @@ from splatgl.viewer.state import EDITS, History, Ruler, State, changed_fields, p
 from splatgl.viewer.trackball import Mouse, Pose, project, up_direction
 from tests.helpers.commands import acted
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 SIZE = (160, 120)
 BLACK, USUAL = (0.0, 0.0, 0.0), ("scale", "axes")
 

@@ -26,6 +26,8 @@ from tests.helpers.blobs import blob
 from tests.helpers.commands import acted
 from tests.helpers.window import MISSING, Window
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 SIZE = (24, 20)
 # seconds after which a process hangs
 LONGEST = 300.0

@@ -32,6 +32,8 @@ from splatgl.viewer.state import History, State
 from tests.helpers.commands import acted
 from tests.helpers.window import MISSING, Window, pointed
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 SIZE = (32, 24)
 TABLE = (
     '# ITK-SnAP Label Description File\n1 200 40 30 1 1 1 "Liver"\n2 20 90 220 1 1 1 "Left kidney"\n'

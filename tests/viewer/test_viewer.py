@@ -40,6 +40,8 @@ from splatgl.viewer.trackball import Mouse, Pose, zoom_by_wheel
 from tests.helpers.blobs import LONGEST, SIZE, blob
 from tests.helpers.commands import acted
 
+pytestmark = pytest.mark.usefixtures("shared_programs")
+
 
 @pytest.fixture
 def scene(tmp_path: Path) -> SceneFile:

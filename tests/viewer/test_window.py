@@ -36,7 +36,10 @@ from tests.helpers.window import (
     start_display,
 )
 
-pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
+pytestmark = [
+    pytest.mark.usefixtures("shared_programs"),
+    pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool"),
+]
 
 
 @pytest.fixture(scope="module")
