@@ -28,9 +28,6 @@ from tests.helpers.twins import twin as twin
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 from mutants import MUTANTS
 
-# how pictures are refused that only tiles draw
-ONLY_TILES = "technique tiles: expected "
-
 # tests draw with many more combinations of settings than a user, one after the other
 program.MOST_PROGRAMS = 400
 
@@ -55,10 +52,12 @@ def skip_without_compute_shaders() -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Of a test marked few(n), all cases but n are long; these are spread over the product of its parameters, beside
-    those that mutants name.
+    those that mutants name. Cases whose technique is tiles are marked `compute`.
     """
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:
+        if getattr(getattr(item, "callspec", None), "params", {}).get("technique") == "tiles":
+            item.add_marker("compute")
         if item.get_closest_marker("few"):
             cases.setdefault(item.nodeid.split("[")[0], []).append(item)
     for found in cases.values():
@@ -122,17 +121,6 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("compute"):
         skip_without_compute_shaders()
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
-    """A test of what only tiles draw is skipped where there are none."""
-    try:
-        return (yield)
-    except sg.InputError as error:
-        if str(error).startswith(ONLY_TILES) and "compute shaders" in str(error):
-            skip_without_compute_shaders()
-        raise
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -150,7 +150,7 @@ def _behind(image: Image, output: Path) -> str:
 def length_name(transfer: Transfer, volume: Volume) -> str:
     """Text on the length that opacities refer to."""
     why = ", the mean spacing" if transfer.unit is None else ", by the extent" * (transfer.unit == EXTENT)
-    return f"{transfer.length(volume):.4g} {volume.unit or 'units'}{why}"
+    return f"{transfer.length(volume):.4g}{' ' * bool(volume.unit)}{volume.unit}{why}"
 
 
 def _transfer(scene: SceneFile, volume: Volume, transfer: Transfer) -> str:

@@ -101,8 +101,8 @@ def with_history(case: Case) -> Case:
     if case.state == "same" or not case.file.endswith(".png"):
         return case
     figures = "".join(
-        f'<figure><img alt="" src="{data_uri(samples)}"><figcaption>{escape(f"{date} {commit} {subject}")}</figcaption>'
-        "</figure>"
+        f'<figure><img alt="expected picture of {escape(f"{date} {commit}")}" src="{data_uri(samples)}">'
+        f"<figcaption>{escape(f'{date} {commit} {subject}')}</figcaption></figure>"
         for commit, date, subject, samples in _commits(Path(case.file))
     )
     if not figures:

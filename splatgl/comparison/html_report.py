@@ -146,7 +146,7 @@ def build_single_case(name: str, state: str, line: str, image: Image | None = No
     if image is None or not np.isfinite(image.pixels).all():
         return Case(name, state, line)
     peak = float(image.pixels.max()) or 1.0 if image.info.get("blend") == "xray" else 1.0
-    panel = _panel("expected" if expected else "actual", _image(to_display(image, peak)))
+    panel = _panel("expected" if expected else "actual", to_display(image, peak))
     return Case(name, state, line, f'<div class="row">{panel}</div>')
 
 
@@ -251,24 +251,20 @@ def _panels(verdict: Verdict, pair: Pair, difference: np.ndarray) -> str:
 
 
 def _row(both: Sequence[Image], difference: np.ndarray, comparison: Comparison, mark: str, kind: str = "") -> str:
-    first, second = (_image(to_display(image, comparison.peak)) + mark for image in both)
     gain = f"difference, from black to {format_metric('maximum', comparison.maximum)}"
-    panels = [
-        _panel("actual", first),
-        _panel("expected", second),
-        _panel(gain, _image(difference, "picture heat") + mark),
-    ]
+    shown = [to_display(image, comparison.peak) for image in both]
+    panels = [_panel(title, samples, kind, mark) for title, samples in zip(("actual", "expected"), shown, strict=True)]
+    panels.append(_panel(gain, difference, kind, mark, "picture heat"))
     # the page's script adds one view of both images, so that the file holds them only once
     return f'<div class="row {kind}">{"".join(panels)}</div>'
 
 
-def _panel(title: str, inside: str) -> str:
-    return f'<figure><figcaption>{title}</figcaption><div class="view">{inside}</div></figure>'
-
-
-def _image(samples: np.ndarray, kind: str = "picture") -> str:
+def _panel(title: str, samples: np.ndarray, part: str = "", mark: str = "", kind: str = "picture") -> str:
+    """A picture below its title. part: "detail" of the row; the alternative text says so."""
     height, width = samples.shape[:2]
-    return f'<img class="{kind}" width="{width}" height="{height}" alt="" src="{data_uri(samples)}">'
+    text = " ".join(filter(None, (title if kind != "picture" else f"{title} picture", part and f"({part})")))
+    image = f'<img class="{kind}" width="{width}" height="{height}" alt="{text}" src="{data_uri(samples)}">'
+    return f'<figure><figcaption>{title}</figcaption><div class="view">{image}{mark}</div></figure>'
 
 
 def _mark(verdict: Verdict) -> str:

@@ -89,6 +89,8 @@ from splatgl.scene.view import FIT_OF_0_3, ViewOptions, orient_stack
 from splatgl.splat.colormaps import base_name, labels_of
 from splatgl.splat.label_detection import MASK, as_segmentation, mark_kind
 from splatgl.splat.presets import (
+    SOLID,
+    constant_note,
     is_preset,
     label_transfer,
     logarithmic_transfer,
@@ -98,7 +100,7 @@ from splatgl.splat.presets import (
 )
 from splatgl.splat.scissors import FORM, Scissors
 from splatgl.splat.segment_surfaces import SMOOTHING, check_strength
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.slices import SLICE_PLANES, SLICES
 from splatgl.splat.transfer import Transfer
 
@@ -485,7 +487,8 @@ class SceneFile:
         volume = self._open().placed(*self.world)
         faint = [FAINTLY] * is_backdrop(self, volume)
         of_looks = (*transfer_notes(self.transfer, volume), *self._unused_notes(volume), *faint)
-        notes = (*self.view.notes(volume.frame), *of_looks)
+        constant = "" if is_mesh(self.volume) else constant_note(volume)
+        notes = (*self.view.notes(volume.frame), *of_looks, *[constant] * bool(constant))
         return replace(volume, notes=(*volume.notes, *notes)) if notes else volume
 
     def _unused_notes(self, volume: Volume) -> list[str]:
@@ -623,6 +626,9 @@ class SceneFile:
     def _changed_transfer(self, name: str | None, keys: dict[str, Any], volume: Volume) -> Transfer:
         """Returns the transfer function of a preset, of maxima or the default, changed by keys of a table."""
         base = base_transfer(name, keys, volume)
+        if BLENDS[self.settings.blend].one_value and name is None and len(base.points) == 1:
+            # a constant volume, which is a fog in other blends
+            base = replace(base, points=[(value, SOLID) for value, opacity in base.points if opacity])
         refuse_unknown("transfer", keys, (*declared(Transfer), "curve", "colors"))
         if base.labels and keys.keys() & AMOUNT_KEYS:
             conflicts = ", ".join(sorted(keys.keys() & AMOUNT_KEYS))

@@ -284,7 +284,7 @@ def presets() -> dict[str, str]:
 def preset(name: str, volume: Volume) -> Transfer:
     """Transfer function of a preset for a volume's values. Raises InputError for an unknown name."""
     chosen = preset_named(name)
-    return build_transfer(chosen, statistics(volume))
+    return build_transfer(chosen, statistics(volume), volume)
 
 
 def is_preset(name: str) -> bool:
@@ -440,8 +440,8 @@ def _transfer_from_values(volume: Volume) -> Transfer:
     if kind == LABELS or (kind == MASK and several):
         return label_transfer(volume)
     if kind == MASK and not stats.constant:
-        return replace(build_transfer(PRESETS["terrain"], stats), colormap="ivory")
-    return build_transfer(PRESETS[_choose_preset(volume, stats)], stats)
+        return replace(build_transfer(PRESETS["terrain"], stats, volume), colormap="ivory")
+    return build_transfer(PRESETS[_choose_preset(volume, stats)], stats, volume)
 
 
 def _choose_preset(volume: Volume, stats: Statistics) -> str:
@@ -478,11 +478,30 @@ def _is_smooth(volume: Volume, empty: float) -> bool:
     return bool(some.any()) and float(np.median(bend[some])) < SMOOTH * float(np.median(slope[some]))
 
 
-def build_transfer(chosen: Preset, stats: Statistics) -> Transfer:
-    """Transfer function of a preset for the statistics of a volume's values."""
+# optical depth of a constant volume along its shortest side, so that its edges are seen
+FOG = 1.5
+
+
+def constant_note(volume: Volume) -> str:
+    """A note on a volume of one value, whose picture shows its box; "" for others, and for points and colours."""
+    level = volume.coarser[-1] if volume.coarser else volume
+    if volume.points is not None or volume.color is not None or len(volume.channels) > 1:
+        return ""
+    plane = np.asarray(level.samples[level.shape[0] // 2])
+    values = plane[np.isfinite(plane)] if plane.dtype.kind == "f" else plane
+    if values.size and values.min() != values.max():
+        return ""
+    stats = statistics(volume)
+    is_seen = len(stats.values) > 0 and stats.constant
+    return f"constant: all samples are {stats.values[0]:g}, and a picture shows the box alone" if is_seen else ""
+
+
+def build_transfer(chosen: Preset, stats: Statistics, volume: Volume) -> Transfer:
+    """Transfer function of a preset for a volume with these statistics of its values."""
     if stats.constant:
         value = float(stats.values[0]) if len(stats.values) else 0.0
-        look = Look(((value, SOLID if len(stats.values) else 0.0),))
+        opacity = SOLID if chosen.blend else float(np.clip(-np.expm1(-FOG / volume.shortest), 0.01, SOLID))
+        look = Look(((value, opacity if len(stats.values) else 0.0),))
     elif chosen.hounsfield and _is_hounsfield(stats):
         look = chosen.hounsfield
     else:

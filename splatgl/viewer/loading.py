@@ -363,10 +363,14 @@ def _opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> Opened:
 
 
 def _first_note(document: Document) -> str:
-    """A note on samples of the first layer that are missing, or on opacities that it lost to labels; "" for none."""
+    """A note on samples of the first layer that are missing or constant, or on opacities that it lost to labels; "" for
+    none.
+    """
     share = document.volume.share_missing()
     if share == 1 and not is_mesh(document.scene.volume):
         return "nothing to show: all samples are NaN"
     if 0 < share < 1:
         return f"{100 * share:.3g} % of the samples are NaN, and not drawn"
-    return f"{document.names[0]} is {FAINTLY}, or its opacity in the panel" if FAINTLY in document.volume.notes else ""
+    if FAINTLY in document.volume.notes:
+        return f"{document.names[0]} is {FAINTLY}, or its opacity in the panel"
+    return next((note for note in document.volume.notes if note.startswith("constant: ")), "")

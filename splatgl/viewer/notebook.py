@@ -9,6 +9,7 @@ from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from html import escape
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -324,7 +325,8 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
             b64encode(data).decode() for data in (image.encoded(Path("still.jpg"), 8, BLACK), image._repr_png_())
         )
         self.still = f"data:image/jpeg;base64,{jpeg}"
-        html = f'<img class="splatgl-still" alt="" src="{self.still}">'
+        name = escape(self.session.document.volume.name or "volume")
+        html = f'<img class="splatgl-still" alt="picture of {name}" src="{self.still}">'
         display({"text/html": html, "image/png": png, "text/plain": ""}, raw=True)
         for widget in (self._output_context._repr_mimebundle_(), super()._repr_mimebundle_()[0]):
             display(widget | {"text/plain": ""}, raw=True)

@@ -85,7 +85,7 @@ class PresetGallery:
     def _begin(self, volume: Volume, stats: Statistics) -> None:
         """Starts with another volume."""
         self.volume, self.small, self.missing = volume, None, []
-        self.transfers = {name: build_transfer(each, stats) for name, each in PRESETS.items()}
+        self.transfers = {name: build_transfer(each, stats, volume) for name, each in PRESETS.items()}
         self.close()
 
     def render_next(self, renderer: Renderer, pose: Pose, ctx: Any) -> bool:

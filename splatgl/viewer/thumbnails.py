@@ -38,9 +38,10 @@ def volume_html(volume: Volume) -> str:
     except InputError as error:
         png, facts = None, [*facts, ("no picture", str(error))]
     source = f"data:image/png;base64,{b64encode(png).decode()}" if png else ""
-    picture = f'<img src="{source}" width="{SIDE}" height="{SIDE}" alt="">' if png else ""
+    name = escape(volume.name or "Volume")
+    picture = f'<img src="{source}" width="{SIDE}" height="{SIDE}" alt="picture of {name}">' if png else ""
     rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in facts)
-    table = f"<table><caption>{escape(volume.name or 'Volume')}</caption>{rows}</table>"
+    table = f"<table><caption>{name}</caption>{rows}</table>"
     return f'<div style="display: flex; gap: 1em; align-items: center">{picture}{table}</div>'
 
 

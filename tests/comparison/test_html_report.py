@@ -92,3 +92,14 @@ def test_tables_of_many_columns_name_them_for_narrow_pages() -> None:
     assert '<table class="many">' in wide and '<td data-head="time">3\xa0ms<td data-head="error">4\xa0%' in wide
     assert '<td data-head="b">&lt;<td data-head="">z' in wide
     assert narrow == "<table><tr><th>method<th>time<tr><td>x<td>3\xa0ms</table>"
+
+
+def test_every_picture_has_an_alternative_text() -> None:
+    """Of the whole and of the enlarged detail, and of one without a counterpart."""
+    actual, right = pair(515, 500)
+    case = build_case(judge(actual, right), Pair(actual, right))
+    alone = html_report.build_single_case("alone", "missing", "no baseline", actual)
+    for html, count in ((case.html, 6), (alone.html, 1)):
+        texts = re.findall(r'<img[^>]* alt="([^"]*)"', html)
+        assert len(set(texts)) == html.count("<img") == count and all(texts)
+    assert "actual picture" in case.html and "expected picture (detail)" in case.html

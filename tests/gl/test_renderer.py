@@ -93,6 +93,7 @@ def test_the_general_path_draws_cubes_alike(letter: sg.Splats, renderer: sg.Rend
     assert not (simple == general).all()
 
 
+@pytest.mark.compute
 def test_programs_used_longest_ago_are_freed_and_compiled_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Settings after settings: the programs of each are few, and those of all would fill the memory."""
     splats = sg.extract(sg.scenes.ball(6), sg.default_transfer(sg.scenes.ball(6)))

@@ -154,6 +154,7 @@ def test_batches_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest.Monkey
 @pytest.mark.parametrize(
     ("grid", "blend"), [*(("cubes", blend) for blend in BLENDED), ("sheared", "mip"), ("8:1", "mip")]
 )
+@pytest.mark.compute
 def test_a_constant_is_what_the_transfer_function_says(renderer: sg.Renderer, grid: str, blend: str) -> None:
     """Wherever a ray is in the box, also where it only grazes a corner or an edge; elsewhere nothing."""
     placed = {"spacing": (1.0, 1.0, 8.0)} if grid == "8:1" else GRIDS[grid]

@@ -145,6 +145,7 @@ def test_the_error_is_of_the_tolerance_s_size(renderer: sg.Renderer, tolerance: 
     ],
     ids=str,
 )
+@pytest.mark.compute
 def test_packed_splats_are_their_twins(renderer: sg.Renderer, grid: str, view: str, changes: dict[str, Any]) -> None:
     """As they are drawn by default: gradients in fewer bits, kernels in fewer tiles, integrals from the eye on."""
     transfer = replace(RAMP, gradient=changes.get("gradient", ()))

@@ -13,13 +13,25 @@ from PIL import Image as Pillow
 import splatgl as sg
 from splatgl.cli import presets
 from splatgl.cli.main import main
+from splatgl.data.halving import halve_volume
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import InputError
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.colormaps import colormap
-from splatgl.splat.presets import BONE_HU, MEDICAL, PRESETS, SOLID, default_transfer, preset, preset_named
+from splatgl.splat.presets import (
+    BONE_HU,
+    MEDICAL,
+    PRESETS,
+    SOLID,
+    constant_note,
+    default_transfer,
+    preset,
+    preset_named,
+)
 from splatgl.splat.statistics import PLANES, sorted_percentile, statistics
 from splatgl.splat.transfer import Transfer
+from splatgl.viewer.document import Document
+from splatgl.viewer.loading import _first_note
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
 
@@ -79,9 +91,34 @@ def test_what_surrounds_the_object_on_all_sides_is_background() -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, -3.0, 7e20])
-def test_a_constant_volume_is_opaque(value: float) -> None:
-    transfer = default_transfer(Volume(np.full((4, 5, 6), value)))
-    assert transfer.opacity(value) == SOLID
+def test_a_constant_volume_is_a_fog(value: float) -> None:
+    """Its box is seen by how long rays are in it; of coarser voxels, too."""
+    volume = Volume(np.full((24, 25, 26), value))
+    for part in (volume, halve_volume(volume)):
+        look = default_transfer(part)
+        assert 1 - (1 - look.opacity(value)) ** 24 == pytest.approx(1 - np.exp(-1.5), abs=1e-3)
+
+
+@pytest.mark.parametrize("samples", [np.full((9, 8, 7), 3.0), np.zeros((9, 8, 7), np.int16)])
+def test_every_door_says_that_a_volume_is_constant(
+    samples: np.ndarray, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = f"constant: all samples are {samples[0, 0, 0]:g}, and a picture shows the box alone"
+    file = tmp_path / "v.nrrd"
+    Volume(samples).save(file)
+    for line in (["info"], ["render", "-o", str(tmp_path / "v.png"), "--size", "24"], ["info", "--json"]):
+        assert main([line[0], str(file), *line[1:]]) == 0
+        printed = capsys.readouterr()
+        assert told in printed.out + printed.err
+    for source in (file, samples):
+        image = sg.render(source, size=(24, 24))
+        assert told in image.info["notes"] and image.pixels[..., 3].max() < 0.95
+        assert sg.render(source, size=(24, 24), blend="mip").pixels[..., 3].max() > 0.9
+    document = Document.open(SceneFile(str(file)), quiet=True)
+    assert _first_note(document) == told
+    other = samples.copy()
+    other[0, 0, 0] += 1
+    assert constant_note(Volume(other)) == ""
 
 
 def test_a_volume_of_nothing_is_transparent() -> None:
