@@ -126,15 +126,14 @@ class Timeline:
 
 @dataclass(frozen=True, eq=False)
 class Animation:
-    """Frames of one volume or of a series. scenes: one for each volume, with a common transfer function; length: that
-    its opacities refer to. numbers: the frames to render, of `count`; each volume is shown for `hold` frames. flow:
-    displacement of splats along vectors per frame, for motion blur only. only: the subject of a single volume. bands:
-    number of bands of rows of volumes that are drawn in bricks; 0: whole. over: annotations.
+    """Frames of one volume or of a series. scenes: one for each volume, with a common transfer function. numbers: the
+    frames to render, of `count`; each volume is shown for `hold` frames. flow: displacement of splats along vectors per
+    frame, for motion blur only. only: the subject of a single volume. bands: number of bands of rows of volumes that
+    are drawn in bricks; 0: whole. over: annotations.
     """
 
     scenes: list[SceneFile]
     transfer: Transfer
-    length: float
     track: Track
     count: int
     numbers: range
@@ -169,23 +168,16 @@ class Animation:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
         # a turn is fitted to the part that a still is fitted to
         part, view, cut = view.part, replace(view, part=None), scene.file.scissors
-        same: dict[str, Any] = {
-            "settings": settings,
-            "view": view,
-            "scissors": cut,
-            "world": scene.volume.world,
-            "clip": None,
-            "crop": "",
-            "annotate": (),
-        }
+        same: dict[str, Any] = {"settings": settings, "view": view, "scissors": cut, "world": scene.volume.world}
+        same |= {"clip": None, "crop": "", "annotate": ()}
         scenes = [replace(x, **same) for x in scenes]
         scene = replace(scene, file=scenes[0], is_quiet=is_quiet, is_moving=settings.shutter > 0)
         series = len(scenes) if len(scenes) > 1 else 0
+        # opacities of all volumes refer to one length
+        scene = replace(scene, transfer=scene.transfer.on(scene.volume))
         if series and scene.volume.points is None:
-            # opacities of all volumes refer to one length
-            transfer = scene.transfer.on(scene.volume)
-            scenes = [x.with_transfer({"unit": transfer.unit}) for x in scenes]
-            scene = replace(scene, file=scenes[0], transfer=transfer)
+            scenes = [x.with_transfer({"unit": scene.transfer.unit}) for x in scenes]
+            scene = replace(scene, file=scenes[0])
         bands = _bands(scene, timeline.flow) if scene.is_single else 0
         only = None if bands or (series and scene.is_single) else _matter(scene, timeline.flow)
         if len(scenes) == 1:
@@ -199,8 +191,7 @@ class Animation:
         over = Over(names, scene.annotated_subject, scene.legend[1], times) if names else None
         only = None if series else only
         numbers = range(first, last + 1)
-        look = scene.transfer, scene.transfer.length(scene.volume)
-        return cls(scenes, *look, track, count, numbers, timeline.hold, timeline.flow, bits, only, bands, over)
+        return cls(scenes, scene.transfer, track, count, numbers, timeline.hold, timeline.flow, bits, only, bands, over)
 
     def shown(self, frame: int) -> int:
         """Index of the volume shown in a frame; a series repeats."""
@@ -251,15 +242,7 @@ class Animation:
         settings = self.scenes[0].settings
         settings = replace(settings, moments=settings.moments or self.steady)
         return Work(
-            self.scenes,
-            self.transfer,
-            self.length,
-            settings,
-            frames,
-            self.flow,
-            self.bits,
-            bands=self.bands,
-            over=self.over,
+            self.scenes, self.transfer, settings, frames, self.flow, self.bits, bands=self.bands, over=self.over
         )
 
     def view(self, frame: int) -> FrameView:
@@ -414,7 +397,6 @@ class Work:
 
     scenes: list[SceneFile]
     transfer: Transfer
-    length: float
     settings: Settings
     frames: Frames
     flow: float | None
@@ -452,7 +434,7 @@ class Work:
         if self.top is not None and self.frames.path(view.frame).suffix.lower() == ".png":
             image = scale_xray(image, self.top)
         scene = self.scenes[view.volume]
-        image = Image(image.pixels, {**image.info, **provenance_of(scene, self.transfer, self.length)})
+        image = Image(image.pixels, {**image.info, **provenance_of(scene, self.transfer, self.transfer.unit)})
         if self.over is not None:
             names = self.over.at(scene.load.get("time", view.volume))
             backdrop = self.settings.ground

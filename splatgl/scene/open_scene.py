@@ -250,7 +250,7 @@ def with_background(settings: Settings, is_lit: bool) -> Settings:
     return replace(settings, background=WHITE if surfaces and settings.blend == "composite" else BLACK)
 
 
-def provenance_of(file: SceneFile, transfer: Transfer, length: float) -> dict[str, object]:
+def provenance_of(file: SceneFile, transfer: Transfer, length: object) -> dict[str, object]:
     """Version, source, transfer function, and the length of its opacities, for an image; of very many labels their
     number, as readers of PNG limit texts.
     """

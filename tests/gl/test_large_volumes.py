@@ -49,7 +49,7 @@ def test_smooth_volumes_take_a_coarser_level(smooth: sg.Volume, renderer: sg.Ren
     assert 0 < found.off[found.number] <= found.allowed and found.boxes == large_volumes.BOXES
     assert str(found).startswith(f"level {found.number}, ") and "level 0 by" in str(found)
     # opacities are those of the finest voxels' length
-    assert found.transfer.unit == pytest.approx(1.2 ** (1 / 3))
+    assert found.volume.lengths.spacing == pytest.approx(1.2 ** (1 / 3))
     image = render_slabs(smooth, SOFT, camera, renderer=renderer)
     assert image.info["level"] == found.number and image.info["level_rmse"] == found.off[found.number]
     settings = Settings(antialias="supersample", samples=8)
