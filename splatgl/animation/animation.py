@@ -26,8 +26,8 @@ from splatgl.distributed.worker import Drawing, keep_latest, renderer
 from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name, write_file
 from splatgl.options import Group, Kind, check_options, non_default, option
-from splatgl.scene.draw import print_notes_of, progress_bar
-from splatgl.scene.open_scene import OpenScene, print_notes, provenance_of, without_background
+from splatgl.scene.draw import print_lines, progress_bar
+from splatgl.scene.open_scene import OpenScene, look_notes, print_notes, provenance_of, series_look, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.bricks import Bricks, bricks_of, excess_need, required_bricks
 from splatgl.splat.camera import Bounded, Camera
@@ -126,10 +126,10 @@ class Timeline:
 
 @dataclass(frozen=True, eq=False)
 class Animation:
-    """Frames of one volume or of a series. scenes: one for each volume, with a common transfer function. numbers: the
-    frames to render, of `count`; each volume is shown for `hold` frames. flow: displacement of splats along vectors per
-    frame, for motion blur only. only: the subject of a single volume. bands: number of bands of rows of volumes that
-    are drawn in bricks; 0: whole. over: annotations.
+    """Frames of one volume or of a series. scenes: one for each volume, in the look of the series. transfer: of the
+    first. numbers: the frames to render, of `count`; each volume is shown for `hold` frames. flow: displacement of
+    splats along vectors per frame, for motion blur only. only: the subject of a single volume. bands: number of bands
+    of rows of volumes that are drawn in bricks; 0: whole. over: annotations.
     """
 
     scenes: list[SceneFile]
@@ -148,21 +148,13 @@ class Animation:
     def of(
         cls, scenes: list[SceneFile], timeline: Timeline, time: float | str | slice | None, bits: int, is_quiet: bool
     ) -> Animation:
-        """The animation of scenes. Reads the first volume, whose transfer function and view apply to all volumes. time:
-        as of `time_points`.
-        """
+        """The animation of scenes, whose view is that of the first volume. time: as of `time_points`."""
         if len(scenes) > 1 and isinstance(time, slice):
             raise expected("--time", "one time point of each file", "several", "animate one file, or name one point")
         names = scenes[0].annotate
         if scenes[0].slices:
             raise expected("--slice", "none in movies", scenes[0].slices[0], "--slice-plane shows it in space")
-        file = scenes[0]
-        scene = OpenScene.read(file)
-        if len(scenes) == 1:
-            scenes = time_points(file, scene.volume, time)
-            if scenes[0] is not file:
-                scene = OpenScene.of(scenes[0], replace(scenes[0].open(), notes=()))
-        print_notes(scene.volume, is_quiet)
+        scenes, scene = _open_first(scenes, time, is_quiet)
         settings, view = _sharp_unless_asked(scene.file.settings, timeline), scene.file.view
         if timeline.flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
@@ -179,7 +171,7 @@ class Animation:
             scenes = [x.with_transfer({"unit": scene.transfer.unit}) for x in scenes]
             scene = replace(scene, file=scenes[0])
         bands = _bands(scene, timeline.flow) if scene.is_single else 0
-        only = None if bands or (series and scene.is_single) else _matter(scene, timeline.flow)
+        only = None if bands or (series and scene.is_single) else _matter(scene, timeline.flow, bool(series))
         if len(scenes) == 1:
             check_time(names)
         subject = part or (scene.volume if series and scene.is_single else scene.fitted)
@@ -209,6 +201,7 @@ class Animation:
             first.settings,
             first.threshold,
             self.transfer.to_toml(),
+            first.look,
             *first.layers,
             *first.meshes,
             *non_default(first.vectors).items(),
@@ -232,18 +225,16 @@ class Animation:
         with progress_bar("frame", quiet, alike=True) as progress:
             for (_, group), (_, matter) in zip(groups, read_ahead(read, [number for number, _ in groups]), strict=True):
                 for n in group:
-                    if n == todo[0] and not isinstance(matter.subject, Bricks):
-                        print_notes_of(renderer, matter.subject, self.view(n).camera, work.settings, quiet)
-                    frames.write(n, work.frame(renderer, matter, self.view(n)))
+                    data, notes = work.frame(renderer, matter, self.view(n))
+                    print_lines(notes, quiet or n != todo[0])
+                    frames.write(n, data)
                     progress(next(done), len(todo))
 
     def work(self, frames: Frames) -> Work:
         """The data that all frames share, without the scale of X-ray frames."""
         settings = self.scenes[0].settings
         settings = replace(settings, moments=settings.moments or self.steady)
-        return Work(
-            self.scenes, self.transfer, settings, frames, self.flow, self.bits, bands=self.bands, over=self.over
-        )
+        return Work(self.scenes, settings, frames, self.flow, self.bits, bands=self.bands, over=self.over)
 
     def view(self, frame: int) -> FrameView:
         """The number, volume, camera and motion of a frame."""
@@ -286,21 +277,39 @@ class Animation:
         return max(moments_per_frame(subject, camera, settings, turn) for camera in cameras) or None
 
 
+def _open_first(
+    scenes: list[SceneFile], time: float | str | slice | None, is_quiet: bool
+) -> tuple[list[SceneFile], OpenScene]:
+    """The scenes of all volumes, in the look of their series, and the first one; prints notes. time: as of
+    `time_points`.
+    """
+    file, scene = scenes[0], OpenScene.read(scenes[0]) if len(scenes) == 1 else None
+    if scene is not None:
+        scenes = time_points(file, scene.volume, time)
+    if scene is None or scenes[0] is not file:
+        look = series_look(scenes)
+        scenes = [replace(each, look=look) for each in scenes]
+        scene = OpenScene.read(scenes[0])
+        print_lines(look_notes(look, scenes), is_quiet)
+    print_notes(scene.volume, is_quiet)
+    return scenes, scene
+
+
 def _sharp_unless_asked(settings: Settings, timeline: Timeline) -> Settings:
     """The settings of frames: motion auto blurs along a flow, or if moments or another shutter are asked for."""
     asked = timeline.flow is not None or {"moments", "shutter"} & set(settings.given)
     return settings if settings.motion != "auto" or asked else settings.but(motion="off")
 
 
-def _matter(scene: OpenScene, flow: float | None) -> Matter:
-    """The subject of frames of one volume. Raises InputError if nothing is visible."""
+def _matter(scene: OpenScene, flow: float | None, is_step: bool) -> Matter:
+    """The subject of frames of one volume. Raises InputError if nothing is visible, unless it is a step of a series."""
     if not scene.is_single:
         if flow is not None:
             raise expected("--flow", "a scene of one volume", "layers, channels or meshes")
         scene.check_fits()
-    if not scene.has_matter:
+    if not (is_step or scene.has_matter):
         raise scene.nothing_visible()
-    return Matter(scene.subject, scene.settings.clip)
+    return Matter(scene.subject, scene.settings.clip, scene.transfer)
 
 
 def _track(scene: OpenScene, subject: Bounded, timeline: Timeline, series: int) -> tuple[Track, int]:
@@ -355,11 +364,12 @@ HEADROOM = 1.05
 @dataclass(frozen=True, eq=False)
 class Matter:
     """The subject of frames of one volume: splats, layers, or a volume in bricks. clip: planes of the settings; layers
-    have their own planes. flow: velocities of splats.
+    have their own planes. transfer: of the first layer. flow: velocities of splats.
     """
 
     subject: Splats | Scene | Bricks
     clip: tuple[Plane, ...]
+    transfer: Transfer
     flow: np.ndarray | None = None
 
 
@@ -396,7 +406,6 @@ class Work:
     """
 
     scenes: list[SceneFile]
-    transfer: Transfer
     settings: Settings
     frames: Frames
     flow: float | None
@@ -409,11 +418,12 @@ class Work:
         """Reads the subject of frames of one volume."""
         file = self.scenes[number]
         volume = cut_volume(file.open(), file.scissors)
+        transfer = file.transfer_for(volume).on(volume)
         if self.bands:
-            return Matter(required_bricks(volume, self.transfer, self.settings), self.settings.clip)
-        scene = OpenScene(file, volume, self.transfer, is_moving=file.settings.shutter > 0)
+            return Matter(required_bricks(volume, transfer, self.settings), self.settings.clip, transfer)
+        scene = OpenScene(file, volume, transfer, is_moving=file.settings.shutter > 0)
         flow = flow_of(scene.splats, volume, self.flow) if self.flow is not None and scene.is_single else None
-        return Matter(scene.subject, scene.settings.clip, flow)
+        return Matter(scene.subject, scene.settings.clip, transfer, flow)
 
     def _render(
         self, renderer: Renderer, matter: Matter, camera: Camera, settings: Settings, motion: Motion | None = None
@@ -427,14 +437,17 @@ class Work:
             motion = replace(motion, flow=matter.flow)
         return renderer.render(matter.subject, camera, replace(settings, clip=matter.clip), motion)
 
-    def frame(self, renderer: Renderer, matter: Matter, view: FrameView) -> bytes:
-        """The file of a frame."""
+    def frame(self, renderer: Renderer, matter: Matter, view: FrameView) -> tuple[bytes, list[str]]:
+        """The file of a frame, and notes on settings that do not change it."""
         settings = without_background(self.settings, self.over.names if self.over else ())
         image = self._render(renderer, matter, view.camera, settings, view.motion)
+        # those on its layers are printed where they are read; the parts of a picture in bricks do not know what moves
+        is_whole, told = not isinstance(matter.subject, Bricks), getattr(matter.subject, "notes", ())
+        notes = [note for note in image.notes if is_whole and note not in told]
         if self.top is not None and self.frames.path(view.frame).suffix.lower() == ".png":
             image = scale_xray(image, self.top)
         scene = self.scenes[view.volume]
-        image = Image(image.pixels, {**image.info, **provenance_of(scene, self.transfer, self.transfer.unit)})
+        image = Image(image.pixels, {**image.info, **provenance_of(scene, matter.transfer, matter.transfer.unit)})
         if self.over is not None:
             names = self.over.at(scene.load.get("time", view.volume))
             backdrop = self.settings.ground
@@ -442,7 +455,7 @@ class Work:
             image = annotated(image, *inputs, steady=True)
             image = on_ground(image, backdrop)
         ground = self.settings.ground if BLENDS[self.settings.blend].unbounded else None
-        return self.frames.encoded(view.frame, image, self.bits, ground)
+        return self.frames.encoded(view.frame, image, self.bits, ground), notes
 
     def brightest(
         self, renderer: Renderer, probes: Sequence[tuple[int, Camera]], read: Callable[[int], Matter]
@@ -582,15 +595,16 @@ def draw_frames(
         work = replace(work, top=top)
     items = ((f"frame {n}", (work, drawing, animation.view(n))) for n in todo)
     with progress_bar("frame", quiet) as progress:
-        for done, (_, (frame, data)) in enumerate(spread(client, _frame, items), 1):
+        for done, (_, (frame, data, notes)) in enumerate(spread(client, _frame, items), 1):
+            print_lines(notes, quiet or done > 1)
             frames.write(frame, data)
             progress(done, len(todo))
 
 
-def _frame(work: Work, drawing: Drawing, view: FrameView) -> tuple[int, bytes]:
-    """On a worker: a frame's number and file."""
+def _frame(work: Work, drawing: Drawing, view: FrameView) -> tuple[int, bytes, list[str]]:
+    """On a worker: a frame's number, its file and notes."""
     matter = keep_latest((work.frames.mark, view.volume), lambda: work.matter(view.volume))
-    return view.frame, work.frame(renderer(drawing), matter, view)
+    return view.frame, *work.frame(renderer(drawing), matter, view)
 
 
 def _brightest(work: Work, drawing: Drawing, probes: list[tuple[int, Camera]]) -> float:

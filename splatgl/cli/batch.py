@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,13 +17,14 @@ from splatgl.cli.output import check_outputs, report
 from splatgl.cli.parser import BAD_INPUT, one_line
 from splatgl.errors import USER_ERRORS, InputError, error_text, expected
 from splatgl.fileio import write_file
-from splatgl.scene.draw import DrawOptions, WorkerOptions, draw, progress_bar
-from splatgl.scene.open_scene import OpenScene, channel_layers
+from splatgl.scene.draw import DrawOptions, WorkerOptions, draw, print_lines, progress_bar
+from splatgl.scene.open_scene import OpenScene, look_notes, series_look
 
 if TYPE_CHECKING:
     from splatgl.data.affine import World
     from splatgl.distributed.worker import Drawing
     from splatgl.scene.scene_file import SceneFile
+    from splatgl.scene.transfer_choice import SeriesLook
     from splatgl.splat.camera import Camera
 
 # options of one picture, by their names in arguments
@@ -31,28 +33,23 @@ ALONE = {"depth": "--depth", "ref": "--ref"}
 
 @dataclass(frozen=True)
 class Same:
-    """The camera, its frame and unit, and the keys of the transfer function that all pictures share."""
+    """The camera that all pictures share, its frame and unit, and the length of their opacities; None of points."""
 
     camera: Camera
     world: World
-    transfer: dict[str, Any]
+    length: float | None
 
     @classmethod
     def of(cls, scene: OpenScene) -> Same:
-        """Camera and window of a scene; segments and channels keep the colours of their names."""
-        if len(scene.volume.channels) > 1:
-            drawn = channel_layers(scene.file, scene.volume, scene.transfer)
-            spans = [(layer.volume.name, layer.seen) for layer in drawn]
-            windows = [(name, look.window or (look.points[0][0], look.points[-1][0])) for name, look in spans]
-            unit = {} if scene.volume.points is not None else {"unit": scene.transfer.length(scene.volume)}
-            return cls(scene.camera, scene.volume.world, {"window_of": tuple(windows), **unit})
-        look = scene.transfer.on(scene.volume)
-        return cls(scene.camera, scene.volume.world, {"unit": look.unit} if look.labels else look.fields)
+        """The view and length of the first picture."""
+        length = None if scene.volume.points is not None else scene.transfer.length(scene.volume)
+        return cls(scene.camera, scene.volume.world, length)
 
     def read(self, file: SceneFile, is_quiet: bool) -> OpenScene:
-        """Reads a scene with these. Notes on a window are of one that is given, not of the one that is shared."""
-        view = replace(file.view, fixed=self.camera)
-        file = replace(file, view=view, world=self.world).with_transfer(self.transfer)
+        """Reads a scene with these. Notes on a window are of the first picture."""
+        file = replace(file, view=replace(file.view, fixed=self.camera), world=self.world)
+        if self.length is not None:
+            file = file.with_transfer({"unit": self.length})
         plain = {name: value for name, value in file.transfer.items() if name != "window"}
         volume = OpenScene.read(replace(file, transfer=plain), is_quiet).volume
         return OpenScene.of(file, volume, is_quiet)
@@ -72,6 +69,9 @@ def run_batch(args: argparse.Namespace) -> int:
     one failed.
     """
     by, jobs = record_of(args, WorkerOptions), jobs_of(args)
+    look = _shared_look(jobs) if args.same else None
+    for job in jobs:
+        job.look = look
     failed = 0
     for job, drawn in _on_workers(args, jobs, by) if by.are_used else _here(args, jobs):
         if isinstance(drawn, Drawn):
@@ -115,6 +115,17 @@ def jobs_of(args: argparse.Namespace) -> list[argparse.Namespace]:
     for job in jobs:
         check_outputs(job, Path(job.output), sources)
     return jobs
+
+
+def _shared_look(jobs: Sequence[argparse.Namespace]) -> SeriesLook | None:
+    """The look that the pictures share; prints a note on it. Sources that cannot be read have their error later."""
+    files: list[SceneFile] = []
+    for job in jobs:
+        with suppress(*USER_ERRORS):
+            files.append(scene_from(job))
+    look = series_look(files)
+    print_lines(look_notes(look, files), jobs[0].quiet or jobs[0].json)
+    return look
 
 
 def _output(template: str, source: str, number: int) -> str:
@@ -197,7 +208,7 @@ def draw_job(job: argparse.Namespace, how: DrawOptions, same: Same | None) -> Dr
     """The picture of a job, or its error. same: what an earlier picture shares with it."""
     output, is_quiet = Path(job.output), job.quiet or job.json
     try:
-        file = scene_from(job)
+        file = replace(scene_from(job), look=job.look)
         scene = OpenScene.read(file, is_quiet) if same is None else same.read(file, is_quiet)
         image = draw(scene, how).with_accuracy()
         data = image.encoded(output, job.bits)

@@ -29,7 +29,7 @@ from splatgl.errors import expected
 from splatgl.options import Group, declared, names_of
 from splatgl.scene.draw import DrawOptions, WorkerOptions, depths_of, draw, finish, progress_bar
 from splatgl.scene.meshes import is_mesh
-from splatgl.scene.open_scene import OpenScene
+from splatgl.scene.open_scene import OpenScene, channel_layers
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 
@@ -90,7 +90,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     output = group_of(parser, Group.OUTPUT)
     add_options(parser, ViewOptions, *ON_PAPER)
-    about = "draw all sources with the camera and the window of the first"
+    about = "draw all sources with the camera of the first, and in one look: of the values that spread most"
     output.add_argument("--same", action="store_true", help=about)
     output.add_argument(
         "--json", action="store_true", help="print a line of JSON for each picture instead of a summary"
@@ -196,6 +196,8 @@ def _draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> I
     how.check_supported("workers", "a picture that is drawn by this process", "--workers or --scheduler")
     file, settings = scene.file, scene.settings
     require_built_in(settings.kernel)
+    # refuses options of channels beside a single one
+    channel_layers(file, scene.volume, scene.transfer)
     unsupported = {
         "--ambient-occlusion": settings.ambient_occlusion,
         "--shadows": settings.shadows,
@@ -203,13 +205,16 @@ def _draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> I
         "--scissors": len(file.scissors),
         "--uncut": file.uncut,
         "layers": len(file.layers),
+        "channels": len(scene.volume.channels) if len(scene.volume.channels) > 1 else 0,
         "meshes": len(file.meshes) + file.vectors.has_lines + is_mesh(file.volume),
         "--slice-plane": ", ".join(file.slice_planes),
         "--surfaces": file.surfaces is not None,
+        "visible": "" if file.visible else "false",
     }
     for name, value in unsupported.items():
         if value:
-            raise expected(name, "none, with --workers or --scheduler", value)
+            fix = "--channel picks one" if name == "channels" else ""
+            raise expected(name, "none, with --workers or --scheduler", value, fix)
     camera = file.view.camera(scene.volume, Opaque(scene.volume, scene.transfer))
     job = Job(uuid4().hex, file.with_absolute_paths().open, scene.transfer, settings, by.drawing, camera, how.memory)
     notify = None if scene.is_quiet else print

@@ -49,7 +49,7 @@ class Hints:
     units; fov is the full vertical angle in degrees; orthographic: parallel rays, unless a fov is
     set. color: "#rrggbb" of a channel at its brightest; inverted: which its low values are.
     stack: whether the samples are planes of a microscope, or other pictures. values: "labels", "mask" or "amounts",
-    their meaning.
+    their meaning. slices: of a step of a series, the default transfer function and the window of its slices.
     """
 
     window: tuple[float, float] | None = None
@@ -69,6 +69,7 @@ class Hints:
     orthographic: bool = False
     stack: bool = False
     values: str | None = None
+    slices: Any = None
 
 
 # lengths per side of a cube as large as a volume's box

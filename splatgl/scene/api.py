@@ -283,6 +283,10 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
         return image
     from splatgl.integrations.vtk.overlays import finish
 
+    # not those on what the plotter sets
+    typed = {*(settings or Settings()).given, *options}
+    unused = tuple(note for note in image.notes if typed & {*note.partition(":")[0].split(", ")})
+    image = replace(image, info={**image.info, "notes": unused})
     return finish(image, x, base.ground)
 
 

@@ -204,8 +204,11 @@ def draw(scene: OpenScene, how: DrawOptions) -> Image:
         print_lines(image.notes, scene.is_quiet)
         return image
     level, info, drawn = scene, dict[str, object](), None
+    # a step of a series may be empty
+    is_step = scene.file.look is not None
     if scene.is_single:
-        scene.check_masks()
+        if not is_step:
+            scene.check_masks()
         if scene.volume.coarser:
             level, info = _choose_level(scene, how)
         drawn = _draw_in_bricks(level, how)
@@ -221,7 +224,9 @@ def draw(scene: OpenScene, how: DrawOptions) -> Image:
             why = "only values classified after reconstruction, without a threshold, are drawn in bricks"
             image = image.with_notes(no_effect(["memory"], why))
     if not (image.info["splats"] or image.info.get("triangles")):
-        raise level.nothing_visible()
+        if not is_step:
+            raise level.nothing_visible()
+        image = image.with_notes([f"the picture is empty: {level.nothing_visible()}"])
     return finish(replace(image, info={**image.info, **info}), scene)
 
 
@@ -312,16 +317,6 @@ def print_lines(notes: Sequence[str], is_quiet: bool) -> None:
     """Prints notes on standard error, unless it is to be quiet."""
     for note in () if is_quiet else notes:
         print(f"splatgl: {note}", file=sys.stderr)
-
-
-def print_notes_of(
-    renderer: Renderer, subject: Splats | Scene, camera: Camera, settings: Settings, is_quiet: bool
-) -> None:
-    """Prints notes on settings that do not change the frames of a movie."""
-    from splatgl.splat.motion import Motion
-
-    notes = () if is_quiet else renderer.plans(subject, camera, replace(settings, clip=()), Motion()).notes
-    print_lines([note for note in notes if note not in getattr(subject, "notes", ())], is_quiet)
 
 
 def annotate(image: Image, scene: OpenScene) -> Image:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,18 +15,21 @@ from splatgl.annotations.annotate import ROOM, check_size, with_time
 from splatgl.annotations.canvas import Scale, Subject
 from splatgl.data.color import AUTO
 from splatgl.data.scenes import SCENES
-from splatgl.data.volume import Volume
-from splatgl.errors import InputError, expected
+from splatgl.data.volume import Label, Volume
+from splatgl.errors import USER_ERRORS, InputError, expected, list_names
 from splatgl.fileio import budget, format_bytes
 from splatgl.readers import require_source
 from splatgl.readers.channels import TIME_HINT
 from splatgl.scene.meshes import is_mesh, surfaces_of
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.transfer_choice import AMOUNT_KEYS, CHANNEL_KEYS, COLOR_KEYS, with_window
+from splatgl.scene.transfer_choice import AMOUNT_KEYS, CHANNEL_KEYS, COLOR_KEYS, SeriesLook, with_window
 from splatgl.scene.view import FIT_OF_0_3
+from splatgl.splat.colormaps import labels_of
+from splatgl.splat.presets import slice_defaults
 from splatgl.splat.scissors import cut_volume
 from splatgl.splat.segment_surfaces import is_segmentation
 from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.statistics import SAMPLED_STEPS, mean_deviation, sampled_steps
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
@@ -57,16 +61,16 @@ class OpenScene:
     fixed_camera: Camera | None = None
 
     @classmethod
-    def read(cls, file: SceneFile, is_quiet: bool = True, is_alone: bool = False) -> OpenScene:
-        """Reads the first volume, and prints notes on it. is_alone: as of `print_notes`. Raises InputError for a
-        picture too small for its annotations.
+    def read(cls, file: SceneFile, is_quiet: bool = True) -> OpenScene:
+        """Reads the first volume, and prints notes on it. Raises InputError for a picture too small for its
+        annotations.
         """
         check_size(file.annotate, file.view.size)
         volume = file.open()
         # before notes on the first volume
         for layer in (layer for layer in file.layers if layer.held is None and layer.volume not in SCENES):
             require_source(layer.volume)
-        print_notes(volume, is_quiet, is_alone)
+        print_notes(volume, is_quiet)
         return cls.of(file, volume, is_quiet)
 
     @classmethod
@@ -365,9 +369,13 @@ def channel_layers(
     if volume.points is not None:
         transfers = [transfer] * len(volume.channels)
     elif all(channel.labels for channel in volume.channels) and not (colors or windows):
-        transfers = [_segment_transfer(file, channel) for channel in volume.channels]
+        part = replace(file, look=SeriesLook(None))
+        transfers = [part.transfer_for(channel) for channel in volume.channels]
     else:
-        transfers = _channel_looks(file, volume, colors, windows)
+        looks = file.look.channels if file.look else ()
+        looks = looks if len(looks) == len(volume.channels) else _channel_looks(file, volume, colors, windows)
+        unit = {"unit": file.transfer["unit"]} if file.transfer.get("unit") else {}
+        transfers = [replace(look, **unit).weakened(file.opacity) for look in looks]
     channels = zip(volume.channels, transfers, strict=True)
     uncut = file.uncut or None
     return [Layer(channel, look, 1.0, file.visible, file.threshold, planes, uncut=uncut) for channel, look in channels]
@@ -375,29 +383,73 @@ def channel_layers(
 
 def _channel_looks(
     file: SceneFile, volume: Volume, colors: dict[str, str], windows: dict[str, tuple[float, float]]
-) -> list[Transfer]:
-    """The transfer functions of channels: the file's for each, in the colours and over the windows of channels."""
+) -> tuple[Transfer, ...]:
+    """The transfer functions of channels, without the scene's opacity: the file's for each, in the colours and over the
+    windows of channels.
+    """
     from splatgl.splat.scene import channel_transfers
 
-    # the opacity of the scene is a factor of each transfer function
-    plain, keys, bases = replace(file, opacity=1.0), file.transfer.keys(), None
+    plain, keys, bases = replace(file, opacity=1.0, look=None), file.transfer.keys(), None
     if keys & (AMOUNT_KEYS - set(COLOR_KEYS) | {"preset"}):
         bases = [plain.transfer_for(channel) for channel in volume.channels]
     elif window := with_window(dict(file.transfer)).get("window"):
         windows = {**{str(number): window for number in range(len(volume.channels))}, **windows}
-    looks = channel_transfers(volume, colors, windows, bases, file.settings.blend)
-    looks = [replace(look, unit=file.transfer["unit"]) for look in looks] if file.transfer.get("unit") else looks
-    return [look.weakened(file.opacity) for look in looks]
+    return tuple(channel_transfers(volume, colors, windows, bases, file.settings.blend))
 
 
-def _segment_transfer(file: SceneFile, channel: Volume) -> Transfer:
-    """The transfer function of a channel of overlapping segments; clear if none of its segments is chosen."""
-    only = file.transfer.get("only_labels") or ()
-    numbers = {label.number for label in channel.labels or ()}
-    chosen = [(number, factor) for number, factor in only if number in numbers]
-    table = {**file.transfer, "only_labels": chosen} if only else file.transfer
-    transfer = replace(file, transfer=table).transfer_for(channel)
-    return transfer if chosen or not only else transfer.weakened(0.0)
+# keys that leave nothing of a look to the values
+ALL_STATED = ({"points", "colormap", "window"}, {"file"})
+
+
+def series_look(files: Sequence[SceneFile]) -> SeriesLook | None:
+    """The look that the steps of a series share, as their options state it for the values of one step, of each channel:
+    of a few from the first to the last the one whose values spread most. None of one step, and if none can be read.
+    """
+    widest, labels, read = list[tuple[float, int, Volume]](), dict[int, Label](), set[int]()
+    is_stated = any(keys <= files[0].transfer.keys() for keys in ALL_STATED)
+    for most in (1,) if is_stated else SAMPLED_STEPS:
+        if len(files) < 2 or is_mesh(files[0].volume) or (widest and all(width for width, _, _ in widest)):
+            break
+        for step in sorted({*sampled_steps(len(files), most)} - read):
+            read.add(step)
+            # a step that cannot be read is an error where it is drawn
+            with suppress(*USER_ERRORS):
+                volume = replace(files[step], look=None).open()
+                found = [(mean_deviation(part), step, part) for part in volume.channels or (volume,)]
+                if len(found) == len(widest or found):
+                    pairs = zip(found, widest or found, strict=True)
+                    widest = [new if new[0] > known[0] else known for new, known in pairs]
+                labels |= {label.number: label for label in labels_of(volume)} if volume.labels is not None else {}
+    if not widest:
+        return None
+    _, chosen, parts = zip(*widest, strict=True)
+    volume = replace(parts[0], channels=parts if len(parts) > 1 else ())
+    volume = replace(volume, labels=tuple(labels.values())) if volume.labels is not None else volume
+    return replace(_look_of(replace(files[0], look=None), volume), steps=chosen)
+
+
+def _look_of(file: SceneFile, volume: Volume) -> SeriesLook:
+    """The look of a volume, for its series."""
+    transfer, channels = file.stated_transfer(volume), tuple[Transfer, ...]()
+    has_labels = volume.labels is not None or all(part.labels for part in volume.channels or (volume,))
+    if volume.channels and volume.points is None and not has_labels:
+        channels = _channel_looks(file, volume, *(dict(file.transfer.get(name, ())) for name in CHANNEL_KEYS))
+    if transfer.labels or has_labels:
+        return SeriesLook(None)
+    is_plain, slices = not (volume.channels or volume.color is not None or volume.points is not None), None
+    # a volume without values has no slices
+    with suppress(InputError):
+        slices = slice_defaults(volume) if is_plain else None
+    return SeriesLook(transfer, channels, slices)
+
+
+def look_notes(look: SeriesLook | None, files: Sequence[SceneFile]) -> list[str]:
+    """The note on a look of other steps than the first. files: of the steps."""
+    if look is None or not any(look.steps):
+        return []
+    steps = [files[step] for step in dict.fromkeys(look.steps)]
+    names = [f"time {step.load['time']}" if "time" in step.load else Path(step.volume).name for step in steps]
+    return [f"all have the look of {list_names(names)}, whose values spread most; --points and --window state another"]
 
 
 def _with_surfaces(layers: list[Layer], file: SceneFile) -> list[Layer]:

@@ -71,6 +71,7 @@ from splatgl.scene.transfer_choice import (
     LABEL,
     LABEL_KEYS,
     REPLACES,
+    SeriesLook,
     TransferChoice,
     base_transfer,
     default_colors,
@@ -158,7 +159,8 @@ class SceneFile:
     volume: a built-in scene, file or address, or the name of the volume `held` in memory. layers: further volumes;
     their views and settings are ignored. title: its name in lists; "": the file's. annotate: names as for --annotate.
     animation: how movies move, by the keys ANIMATION.
-    world: frame and unit that the volume is converted to, if its file states others: those of a series.
+    world: frame and unit that the volume is converted to, if its file states others: those of a series. look: of a
+    series, instead of that of the volume's own values.
     """
 
     volume: str
@@ -240,6 +242,7 @@ class SceneFile:
     measures: tuple[Measure, ...] = ()
     held: Volume | None = None
     world: World = World()
+    look: SeriesLook | None = None
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -485,6 +488,8 @@ class SceneFile:
     def open(self) -> Volume:
         """Returns the masked volume of a built-in scene, a file or memory; a flat stack gets its view direction."""
         volume = self._open().placed(*self.world)
+        if self.look is not None and self.look.slices is not None:
+            volume = replace(volume, hints=replace(volume.hints, slices=self.look.slices))
         faint = [FAINTLY] * is_backdrop(self, volume)
         of_looks = (*transfer_notes(self.transfer, volume), *self._unused_notes(volume), *faint)
         constant = "" if is_mesh(self.volume) else constant_note(volume)
@@ -538,7 +543,7 @@ class SceneFile:
             volume = volume.rounded() or volume
         elif "preset" in self.transfer:
             return volume
-        marked = mark_kind(volume)
+        marked = mark_kind(volume if self.look is None else self.look.marked(volume))
         if named:
             return replace(as_segmentation(marked, named[0], self.volume), notes=volume.notes)
         if self.surfaces is not None and marked.hints.values == MASK:
@@ -607,6 +612,8 @@ class SceneFile:
 
     def stated_transfer(self, volume: Volume) -> Transfer:
         """Returns the transfer function without the scene's opacity."""
+        if self.look is not None and self.look.transfer is not None and volume.labels is None:
+            return replace(self.look.transfer, unit=self.transfer.get("unit", self.look.transfer.unit))
         chosen = {key: value for key, value in self.transfer.items() if key not in (*CHANNEL_KEYS, "name_of")}
         keys = with_window(chosen)
         name = keys.pop("preset", None)
@@ -616,7 +623,8 @@ class SceneFile:
         if "only_labels" in keys:
             keys |= {"preset": name} if name is not None else {}
             refuse_unknown("transfer of labels", keys, ("only_labels", "unit", "shading"))
-            base = label_transfer(volume, [(int(n), float(f)) for n, f in keys.pop("only_labels")] or None)
+            only = [(int(n), float(f)) for n, f in keys.pop("only_labels")] or None
+            base = label_transfer(volume, only, is_part=self.look is not None)
             return replace(base, **keys)
         if "points" in keys and name is None and not keys.keys() & {"colors", "file"}:
             refuse_both(keys)

@@ -16,6 +16,7 @@ from splatgl.errors import expected
 from splatgl.options import Group, Kind, checked, declared, no_effect, option
 from splatgl.splat.colormaps import base_name
 from splatgl.splat.iso import check_iso
+from splatgl.splat.label_detection import AMOUNTS, LABELS
 from splatgl.splat.presets import default_transfer, preset, window_question
 from splatgl.splat.regions import check_regions, move_image
 from splatgl.splat.settings import BLENDS
@@ -51,6 +52,28 @@ REPLACES: dict[str, tuple[str, ...]] = {
 }
 # number of a label
 LABEL = Kind.whole(-(2**63), 2**63)
+
+
+@dataclass(frozen=True)
+class SeriesLook:
+    """Transfer functions, without the scene's opacity, that the steps of a series share. transfer: None: the steps are
+    segmentations, in the colours of their numbers. channels: of each, if there are several. slices: as of
+    `slice_defaults`. steps: of whose values they are, of each channel one.
+    """
+
+    transfer: Transfer | None
+    channels: tuple[Transfer, ...] = ()
+    slices: tuple[Transfer, tuple[float, float] | None] | None = None
+    steps: tuple[int, ...] = ()
+
+    def marked(self, volume: Volume) -> Volume:
+        """The volume as labels or amounts, as the series is, unless its file says which."""
+        if volume.labels is not None or volume.hints.values or volume.channels:
+            return volume
+        if self.transfer is not None:
+            return replace(volume, hints=replace(volume.hints, values=AMOUNTS))
+        whole = volume.rounded()
+        return volume if whole is None else whole.of_values(LABELS)
 
 
 def read_channel_color(text: str) -> tuple[str, str]:

@@ -399,14 +399,7 @@ def slice_colors(volume: Volume, transfer: Transfer) -> Transfer:
     """
     if transfer.labels or volume.labels is not None or volume.color is not None:
         return transfer
-    if volume not in _slice_defaults:
-        stats = statistics(volume)
-        if not len(stats.values):
-            raise expected(volume.name or "slice", "finite samples", "none")
-        low, high = SLICE_HU if _is_hounsfield(stats) else [stats.percentile(percent) for percent in SLICE_PERCENTILES]
-        ends = (low, high) if low < high else (float(stats.values[0]), float(stats.values[-1]))
-        _slice_defaults[volume] = default_transfer(volume), None if stats.constant else ends
-    default, usual = _slice_defaults[volume]
+    default, usual = slice_defaults(volume)
     if not default.shading or volume.hints.colormap or usual is None:
         return transfer
     # a window that is given has the whole map of surfaces
@@ -416,18 +409,41 @@ def slice_colors(volume: Volume, transfer: Transfer) -> Transfer:
     return replace(transfer, colormap=colors, window=usual if is_default else transfer.window)
 
 
+def slice_defaults(volume: Volume) -> tuple[Transfer, tuple[float, float] | None]:
+    """The default transfer function of a volume, or of its series, and the window of its slices, None of one value.
+    Raises InputError for a volume without values.
+    """
+    if volume.hints.slices is not None:
+        return volume.hints.slices
+    if volume not in _slice_defaults:
+        stats = statistics(volume)
+        if not len(stats.values):
+            raise expected(volume.name or "slice", "finite samples", "none")
+        low, high = SLICE_HU if _is_hounsfield(stats) else [stats.percentile(percent) for percent in SLICE_PERCENTILES]
+        ends = (low, high) if low < high else (float(stats.values[0]), float(stats.values[-1]))
+        _slice_defaults[volume] = default_transfer(volume), None if stats.constant else ends
+    return _slice_defaults[volume]
+
+
 def is_microscopy(volume: Volume) -> bool:
     """Whether the values look like bright structures on a dark background."""
     chosen = volume.hints.preset or _choose_preset(volume, statistics(volume))
     return chosen == "microscopy"
 
 
-def label_transfer(volume: Volume, only: Sequence[tuple[int, float]] | None = None) -> Transfer:
-    """Transfer function of a segmentation. only: (number, opacity factor) of the labels to show; None: all. Raises
-    InputError for samples that are no labels, and for unknown numbers.
+def label_transfer(volume: Volume, only: Sequence[tuple[int, float]] | None = None, is_part: bool = False) -> Transfer:
+    """Transfer function of a segmentation. only: (number, opacity factor) of the labels to show; None: all. is_part:
+    whether other volumes have labels, too: clear without any of `only`. Raises InputError for samples that are no
+    labels, and for unknown numbers, unless it is a part.
     """
-    shown = select_labels(labels_of(volume), only)
-    return Transfer(() if shown else ((0.0, 0.0), (0.0, SOLID)), labels=shown)
+    labels = labels_of(volume)
+    if is_part and only:
+        numbers = {label.number for label in labels}
+        only = [pair for pair in only if pair[0] in numbers]
+        if not only:
+            return label_transfer(volume).weakened(0.0)
+    shown = select_labels(labels, only)
+    return Transfer(() if shown else ((0.0, 0.0),), labels=shown)
 
 
 def _transfer_from_values(volume: Volume) -> Transfer:

@@ -207,6 +207,34 @@ def spread(volume: Volume) -> float:
     return sorted_percentile(values, HISTOGRAM_END) - sorted_percentile(values, 100 - HISTOGRAM_END)
 
 
+# steps of a series whose values are read to choose its look, and of one whose values are constant in these
+SAMPLED_STEPS = (5, 17)
+
+
+def sampled_steps(count: int, most: int = SAMPLED_STEPS[0]) -> list[int]:
+    """Numbers of a few steps of a series, from the first to the last, evenly spread."""
+    return sorted({round(place) for place in np.linspace(0, count - 1, most)})
+
+
+def mean_deviation(volume: Volume) -> float:
+    """Mean distance of a volume's finite values from their median, which single hot voxels hardly change. Beyond
+    MOST_OF_LEVEL voxels, or VALUES that are read in parts, that of a sample.
+    """
+    level = _small_level(volume)
+    sample = _sample(level)
+    ordered = _sort_finite(sample)
+    if len(ordered) == 0:
+        return 0.0
+    is_small = level.count <= (MOST_OF_LEVEL if isinstance(level.samples, np.ndarray) else VALUES)
+    middle = ordered[len(ordered) // 2]
+    total, count = 0.0, 0
+    for block in (slab.samples for slab in level.slabs(16, halo=0)) if is_small else (sample,):
+        values = block[np.isfinite(block)].astype(np.float64)
+        with np.errstate(over="ignore"):
+            total, count = total + float(np.abs(values - middle).sum()), count + len(values)
+    return total / count
+
+
 def sorted_percentile(values: np.ndarray, percent: float) -> float:
     """np.percentile of values that are sorted already."""
     place = percent / 100 * (len(values) - 1)

@@ -212,7 +212,7 @@ class Document:
 
     def is_described_as(self, other: Document) -> bool:
         """Whether the scene files of both say the same."""
-        first, second = (replace(each.scene, scissors=()) for each in (self, other))
+        first, second = (replace(each.scene, scissors=(), look=None) for each in (self, other))
         cuts, others = ([cut.table for cut in each.scene.scissors] for each in (self, other))
         return first == second and cuts == others
 

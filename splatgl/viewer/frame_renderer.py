@@ -14,6 +14,7 @@ from splatgl.annotations.text import Overlay, Path, Text, draw_overlay, text_box
 from splatgl.data.color import Color
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen, ScreenStyle
+from splatgl.scene.draw import print_lines
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import FAITHFUL, eye_is_outside
 from splatgl.splat.motion import Motion
@@ -145,6 +146,8 @@ class FrameRenderer:
         # measured seconds of a whole frame in motion
         self.whole = 0.0
         self.beside: object = None
+        # settings as opened, whose notes are printed
+        self.noted: Settings | None = None
 
     def draw(self, state: State, document: Document, level: Level, gliding: bool, interrupted: Ask | None) -> Frame:
         """Renders the splats at a level and keeps the image. Raises InputError as the renderer does.
@@ -174,6 +177,10 @@ class FrameRenderer:
         render = partial(draw, camera=camera, settings=drawn_with, motion=motion)
         image = render(matter)
         pixels = image.pixels
+        if level == FULL and document.scene.settings != self.noted:
+            self.noted = document.scene.settings
+            # what blurs motion is of use once the view turns
+            print_lines(self.renderer.plans(matter, camera, drawn_with, Motion()).notes, False)
         if tint and first.is_post_classified:
             pixels = tint_light(pixels, render(splats_before(splats, camera, z_k)).pixels)
         pinned = None if state.beside is None else self._draw_pinned(state.beside, camera, level, interrupted)

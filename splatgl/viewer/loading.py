@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,9 @@ from splatgl.data.scenes import SCENES
 from splatgl.errors import Choice, InputError
 from splatgl.readers import list_volumes, load
 from splatgl.readers.remote import is_address
+from splatgl.scene.draw import print_lines
 from splatgl.scene.meshes import MeshFile, Vectors, is_mesh, read_meshes, source_key
+from splatgl.scene.open_scene import look_notes, series_look
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import FAINTLY, faint_share
 from splatgl.splat.scene import MOST_LAYERS
@@ -323,7 +326,7 @@ class Files:
         self.watch, changed = self.watch.look(now)
         reopen = self.reopen
         if changed and reopen is not None:
-            self._read(Kind.RELOAD, "reading again", lambda: Reloaded(open_document(reopen())[0]))
+            self._read(Kind.RELOAD, "reading again", partial(_reloaded, reopen, self.times))
         if self.watch.missing and not was_gone:
             return replace(state, message=f"{self.watch.missing} {GONE}")
         if was_gone and not self.watch.gone and state.message.endswith(GONE):
@@ -359,7 +362,20 @@ def _opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> Opened:
         styles = tuple(replace(style, base=style.base.on(layer.stored)) for style, layer in pairs)
         document = replace(document, styles=styles)
     times = times or tuple(time_points(scene, document.volume, None))
+    if len(times) > 1:
+        look = series_look(times)
+        notes = look_notes(look, times)
+        print_lines(notes, False)
+        times = tuple(replace(point, look=look) for point in times)
+        document = Document.open(replace(scene, look=look), quiet=True) if notes else document
     return Opened(document, times if len(times) > 1 else (), options, note=_first_note(document))
+
+
+def _reloaded(reopen: Reopen, times: tuple[SceneFile, ...]) -> Reloaded:
+    """The document of a file that changed, in the look of its series. times: the scenes of the time points before."""
+    scene, files = reopen(), dict.fromkeys(point.volume for point in times)
+    times = tuple(replace(scene, volume=file) for file in files) if len(files) > 1 else ()
+    return Reloaded(_opened(scene, times).document)
 
 
 def _first_note(document: Document) -> str:

@@ -128,7 +128,7 @@ def scene_of(state: State, document: Document, on_paper: bool = True) -> SceneFi
     view = replace(view, dpi=given.dpi, width=given.width) if on_paper else view
     # a picture that is too small has no annotations
     annotate = state.annotate if min(view.size) >= LEAST_SIDE else ()
-    names = ("title", "load", "transfer", "threshold", "opacity", "visible")
+    names = ("title", "load", "transfer", "look", "threshold", "opacity", "visible")
     look = {name: getattr(first_scene, name) for name in names}
     scissors = shown.styles[0].scissors
     parts: dict[str, Any] = {
@@ -174,7 +174,7 @@ def _layer_scene(layer: LayerSplats, style: LayerStyle) -> SceneFile:
     # points take the opacity of the value 1 alone
     table = {name: value for name, value in style.table.items() if layer.volume.points is None or name in OF_POINTS}
     # a channel has the options of the picture that the scene has
-    look |= {"annotate": (), "slices": (), "slice_planes": ()}
+    look |= {"annotate": (), "slices": (), "slice_planes": (), "look": None}
     return replace(scene, title=style.title or scene.title, load=load, transfer=table, **look)
 
 

@@ -433,9 +433,10 @@ class Viewer(LiveView):
                 self._begin(Opened(document))
                 is_kept = is_edited and self.before is not None
                 self.state = replace(self.state, message=CHANGED if is_kept else "")
-            elif is_reloaded and self.bases == stated_transfers(self.state.styles):
+            elif (is_reloaded or document.scene.look) and self.bases == stated_transfers(self.state.styles):
+                # the segments of time points are their own
                 self._rebase(document)
-                self.state = replace(self.state, message="")
+                self.state = replace(self.state, message="" if is_reloaded else self.state.message)
             elif document.file_numbers != shown.file_numbers:
                 self._rebase(document)
         self._take(document)

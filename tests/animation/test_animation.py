@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 import weakref
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from splatgl.animation.camera_track import Swept, between, keyframes, turning
 from splatgl.animation.movie import expanded, gif_times, read_ahead, volumes
 from splatgl.cli.main import main
 from splatgl.scene.draw import ProgressLines, duration
+from splatgl.scene.open_scene import series_look
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from tests.helpers.bricks import noise
@@ -348,6 +350,78 @@ def test_layers_and_meshes_are_in_movies(here: Path, capsys: pytest.CaptureFixtu
     assert "--flow: expected a scene of one volume" in capsys.readouterr().err
     assert animate("ball.npy", *beside, "-o", "x{frame}.npy", "--motion", "exact", "--frames", "2") == 2
     assert capsys.readouterr().err.startswith("splatgl: motion of layers")
+
+
+def _write_series(kind: str) -> list[str]:
+    """Writes three steps of a ball, the first one empty; returns the arguments of a command that animates them."""
+    z, y, x = np.mgrid[:14, :14, :14]
+    ball = np.exp(-((x - 6.5) ** 2 + (y - 6.5) ** 2 + (z - 6.5) ** 2) / 10)
+    if kind == "channels":
+        tifffile = pytest.importorskip("tifffile", reason="tifffile writes the file")
+        steps = np.stack([np.stack([ball * n * 50, ball[:, ::-1] * (2 - n) * 80], 1) for n in range(3)])
+        tifffile.imwrite("s.tif", steps.astype(np.uint16), imagej=True, metadata={"axes": "TZCYX", "mode": "composite"})
+        return ["s.tif", "--channel", "all"]
+    labels = np.where(ball > 0.3, np.where(x < 7, 3, 8), 0).astype(np.uint8)
+    labels[:3, :4, :4] = 5
+    for n in range(3):
+        step = {"rising": np.float32(ball * n * 100), "labels": labels * (n > 0) + np.uint8(n > 1) * (labels == 8)}
+        np.save(f"s{n}.npy", step[kind])
+    return ["s*.npy"]
+
+
+@pytest.mark.parametrize("kind", ["rising", "labels", "channels"])
+def test_an_empty_first_step_does_not_choose_the_look_of_a_series(
+    kind: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is clear, the widest one is as a still of it alone, and steps between are as much fainter as they are."""
+    series = _write_series(kind)
+    view = ["--eye", "30,-20,12", "--look-at", "6.5,6.5,6.5"]
+    assert main(["animate", *series, "-o", "{frame}.npy", *view, "--size", "24"]) == 0
+    said = capsys.readouterr().err
+    assert ("all have the look of time 2, time 0, " if kind == "channels" else "all have the look of s2.npy, ") in said
+    frames = [pixels(f"{n}.npy") for n in range(3)]
+    if kind == "channels":
+        # each by its own widest step: one rises, the other falls
+        amounts = [np.delete(frame[..., :3].mean(axis=(0, 1)), 2) for frame in frames]
+        assert amounts[0][0] == 0 and amounts[2][1] < 0.1 * amounts[0][1]
+        assert 0.1 * amounts[2][0] < amounts[1][0] < 0.9 * amounts[2][0]
+        return
+    assert main(["render", "s2.npy", "-o", "one.npy", *view, *SMALL, "--check", "0"]) == 0
+    assert not frames[0].any() and np.abs(frames[2] - pixels("one.npy")).max() < 1e-6
+    shares = frames[1][..., 3].sum() / frames[2][..., 3].sum()
+    assert (0.95 < shares < 1.05) if kind == "labels" else 0.1 < shares < 0.8
+    # a stated look is what it was
+    stated = ["--only-labels", "3"] if kind == "labels" else ["--points", "20:0,60:0.8", "--window", "0,100"]
+    assert animate(*series, *stated, "-o", "p{frame}.npy", *view, "--only", "1-1") == 0
+    assert main(["render", "s1.npy", *stated, "-o", "one.npy", *view, *SMALL, "--check", "0"]) == 0
+    assert np.abs(pixels("p1.npy") - pixels("one.npy")).max() < 1e-6 and pixels("p1.npy").any()
+    # the same in Python, of volumes in memory
+    held = [np.load(f"s{n}.npy") for n in range(3)]
+    found = sg.animate(held, "h{frame}.npy", eye=(30, -20, 12), look_at=(6.5, 6.5, 6.5), size=24)
+    assert all((pixels(path) == frame).all() for path, frame in zip(found, frames, strict=True))
+
+
+def test_a_few_steps_choose_the_look_of_a_long_series(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Five are read, more only where these are constant; none where all is stated, and damaged ones are left out."""
+    opened: list[int] = []
+    own = SceneFile.open
+    monkeypatch.setattr(SceneFile, "open", lambda file: opened.append(int(Path(file.volume).stem[1:])) or own(file))
+    for n in range(40):
+        np.save(f"k{n}.npy", np.pad(np.full((4, 4, 4), 9 * (n + 1), np.float32), 4) * (n != 0))
+    files = [SceneFile(f"k{n}.npy") for n in range(40)]
+    Path("k39.npy").write_bytes(b"no array")
+    look = series_look(files)
+    assert look is not None and opened == [0, 10, 20, 29, 39] and look.steps == (29,)
+    stated = {"points": ((1.0, 0.0), (9.0, 0.5)), "colormap": "hot", "window": (0.0, 9.0)}
+    opened.clear()
+    look = series_look([replace(file, transfer=stated) for file in files])
+    assert opened == [0] and look is not None and look.transfer == sg.Transfer(**stated)
+    for n in {*range(40)} - {5}:
+        np.save(f"k{n}.npy", np.zeros((12, 12, 12), np.float32))
+    opened.clear()
+    look = series_look(files)
+    assert look is not None and look.steps == (5,) and len(opened) == 17
+    assert series_look(files[:1]) is None
 
 
 def test_isabel_is_a_series(here: Path) -> None:

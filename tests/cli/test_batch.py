@@ -69,6 +69,33 @@ def test_same_camera_and_window(here: Path, capsys: Said) -> None:
     assert apart[0]["camera"] == same[0]["camera"] == same[1]["camera"] != apart[1]["camera"]
 
 
+def test_same_takes_the_look_of_the_widest_source(here: Path, capsys: Said) -> None:
+    """An empty first one is drawn, clear, and does not make the others solid; channels keep what a preset means."""
+    tifffile = pytest.importorskip("tifffile", reason="tifffile writes the file")
+    ball = sg.scenes.ball(8).samples
+    view = ["--eye", "30,-20,12", "--look-at", "4,4,4"]
+    for n in range(3):
+        np.save(f"e{n}.npy", ball.astype(np.float32) * n)
+        both = np.stack([ball, np.roll(ball, 2, 2)], 1).astype(np.uint16) * (n + 1)
+        tifffile.imwrite(f"c{n}.tif", both, imagej=True, metadata={"axes": "ZCYX", "mode": "composite"})
+    channels = ["--channel", "all", "--preset", "mri"]
+    for sources, options in ((["e0.npy", "e1.npy", "e2.npy"], []), (["c0.tif", "c2.tif"], channels)):
+        assert drawn(*sources, "-o", "same-{name}.npy", "--same", *view, *options) == 0
+        said = capsys.readouterr().err
+        assert f"all have the look of {sources[-1]}, whose values spread most" in said
+        assert ("the picture is empty: e0.npy: expected voxels with an opacity" in said) == (sources[0] == "e0.npy")
+        assert drawn(sources[-1], "-o", "alone.npy", *view, *options, "--quiet") == 0
+        assert np.array_equal(np.load(f"same-{sources[-1][:2]}.npy"), np.load("alone.npy"))
+    empty, half, full = (np.load(f"same-e{n}.npy")[..., 3].mean() for n in range(3))
+    assert empty == 0 < half < 0.8 * full
+    # slices have the window of the widest, too
+    assert drawn("e0.npy", "e1.npy", "e2.npy", "-o", "slice-{name}.npy", "--same", "--slice", "z=4", "--quiet") == 0
+    empty, half, full = (np.load(f"slice-e{n}.npy")[..., :3] for n in range(3))
+    # under the same scale bar
+    assert 0.1 * np.abs(full - empty).max() < np.abs(half - empty).max() < 0.8 * np.abs(full - empty).max()
+    assert (empty <= half + 1e-6).all() and (half <= full + 1e-6).all()
+
+
 REFUSED = {
     "a1.npy a3.npy -o out.png": "-o: expected a name for each source, such as 'out/{name}.png', got out.png",
     "a1.npy b/a1.npy -o {name}.png": "-o: expected a file for each source, got a1.png for a1.npy and b/a1.npy; ",

@@ -254,6 +254,24 @@ def test_animations_with_a_scheduler(client: Any, saved: Path, tmp_path: Path, o
 
 
 @pytest.mark.long
+def test_a_series_with_a_scheduler(
+    client: Any, saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Workers draw the look of the whole series, and options without effect are told once."""
+    monkeypatch.chdir(tmp_path)
+    for n in range(3):
+        np.save(f"s{n}.npy", n * np.load(saved).astype(np.float32))
+    asked = ["animate", "s0.npy", "s1.npy", "s2.npy", "--size", "32", "--samples", "2"]
+    for folder, by in (("a", []), ("b", ["--scheduler", client.scheduler.address])):
+        assert main([*asked, "-o", f"{folder}/{{frame}}.npy", *by]) == 0
+        said = capsys.readouterr().err
+        assert said.count("samples: no effect") == said.count("all have the look of s2.npy") == 1
+    first, second = frames(tmp_path / "a"), frames(tmp_path / "b")
+    assert len(second) == 3 and all(np.array_equal(*both) for both in zip(first, second, strict=True))
+    assert not first[0].any() and first[2].any()
+
+
+@pytest.mark.long
 def test_a_picture_with_a_scheduler(
     client: Any, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -337,6 +337,8 @@ NOT_BY_WORKERS = {
     "slice_planes": f"--slice-plane: {BY_WORKERS}",
     "slices": "--slice: expected no --workers beside it",
     "layer": f"layers: {BY_WORKERS}",
+    "a volume of channels": f"channels: {BY_WORKERS}",
+    "visible": f"(meshes|visible): {BY_WORKERS}",
     "mesh": f"meshes: {BY_WORKERS}",
     "a volume of mesh": f"(meshes|layers): {BY_WORKERS}",
     "vectors.streamlines": f"meshes: {BY_WORKERS}",

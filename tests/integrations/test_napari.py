@@ -134,16 +134,19 @@ def test_channels_have_their_colours_and_windows(tmp_path: Path) -> None:
 def test_times_are_read_when_they_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tifffile = pytest.importorskip("tifffile", reason="tifffile writes the file")
     pytest.importorskip("dask.array", reason="times are an array of dask")
-    series = np.stack([F.astype(np.uint16) + n for n in range(3)])
+    series = np.stack([F.astype(np.uint16) * n for n in range(9)])
     path = tmp_path / "times.tif"
     tifffile.imwrite(path, series[:, :, None], imagej=True, metadata={"axes": "TZCYX", "finterval": 2.5})
     asked: list[Any] = []
     own = readers.load
     monkeypatch.setattr(readers, "load", lambda *a, **k: asked.append(k) or own(*a, **k))
     ((data, given, _),) = reading.read(str(path))
-    assert data.shape == series.shape and given["scale"][0] == 2.5 and asked == [{}]
-    np.testing.assert_array_equal(np.asarray(data[2]), series[2])
-    assert asked == [{}, {"time": 2}]
+    assert data.shape == series.shape and given["scale"][0] == 2.5
+    # a few for the contrast, as the first is empty
+    few = [{"time": number} for number in (0, 2, 4, 6, 8)]
+    assert asked == [{}, *few] and given["contrast_limits"] == (0.0, 8.0 * F.max())
+    np.testing.assert_array_equal(np.asarray(data[3]), series[3])
+    assert asked == [{}, *few, {"time": 3}]
 
 
 def test_contrast_limits_of_time_points_are_of_all_planes(tmp_path: Path) -> None:
@@ -154,7 +157,7 @@ def test_contrast_limits_of_time_points_are_of_all_planes(tmp_path: Path) -> Non
     path = tmp_path / "movie.ome.tif"
     tifffile.imwrite(path, movie.astype(np.uint16), metadata={"axes": "TZYX"}, photometric="minisblack")
     ((data, given, kind),) = reading.read(str(path))
-    assert data.shape == (3, 3, 4, 5) and kind == "image" and given["contrast_limits"] == (0.0, 700.0)
+    assert data.shape == (3, 3, 4, 5) and kind == "image" and given["contrast_limits"] == (0.0, 702.0)
 
 
 def test_what_is_read_in_parts_stays_lazy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -412,7 +415,12 @@ def test_what_is_left_out_is_told() -> None:
         "layers that are not opaque surfaces are drawn over each other in their order, not by depth",
     )
     assert draw.summary(image).splitlines()[1:] == list(notes)
-    assert draw.picture(viewer(Image(block()), center=MIDDLE)).info["notes"] == ()
+    snapshot = take(viewer(Image(block()), center=MIDDLE))
+    assert draw.draw_snapshot(snapshot).info["notes"] == ()
+    # light is of surfaces
+    snapshot.look = replace(snapshot.look, light="flat")
+    (note,) = draw.draw_snapshot(snapshot).notes
+    assert note.startswith("light: no effect")
 
 
 def test_nothing_to_draw_is_told() -> None:

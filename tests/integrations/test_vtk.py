@@ -567,6 +567,9 @@ def test_meshes_alone_and_their_textures(pyvista: Any) -> None:
     ours = shot(made)
     assert (ours[32, 20] > ours[32, 44])[0] and (ours[32, 44] > ours[32, 20])[2]
     assert sg.render(made).info["notes"] == ()
+    # of what is asked for, not of what the plotter sets
+    (note,) = sg.render(made, samples=2).notes
+    assert note.startswith("samples: no effect")
 
 
 def test_the_active_view_of_several(pyvista: Any) -> None:

@@ -21,6 +21,11 @@ from splatgl.scene.api import KEYWORDS, scene_of
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
+from splatgl.viewer.adaptive_quality import FULL
+from splatgl.viewer.document import Document
+from splatgl.viewer.frame_renderer import FrameRenderer
+from splatgl.viewer.state import State
+from tests.helpers.doors import NoScreen
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
 
@@ -287,7 +292,9 @@ def test_options_replace_the_look_of_a_scene_file(tmp_path: Path) -> None:
     assert np.array_equal(sg.render(path, look, size=SIZE).pixels, sg.render(field(), look, size=SIZE).pixels)
 
 
-def test_commands_print_options_without_effect(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_print_options_without_effect(
+    tmp_path: Path, renderer: sg.Renderer, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Settings that alone change nothing, all at once; the same lines are notes in Python."""
     path, output = saved(tmp_path / "a.npy", field()), str(tmp_path / "a.png")
     alone = ("--samples", "2"), ("--z-s", "1"), ("--mip-attenuation", "0.5")
@@ -296,8 +303,16 @@ def test_commands_print_options_without_effect(tmp_path: Path, capsys: pytest.Ca
     said = [line.removeprefix("splatgl: ") for line in capsys.readouterr().err.splitlines()]
     for name in ("samples", "z_s", "mip_attenuation", "light"):
         assert sum(names(name, line) for line in said) == 1
-    image = sg.render(path, size=SIZE, shading="off", light="flat", samples=2, z_s=1.0, mip_attenuation=0.5)
+    options: Any = {"shading": "off", "light": "flat", "samples": 2, "z_s": 1.0, "mip_attenuation": 0.5}
+    image = sg.render(path, size=SIZE, **options)
     assert list(image.notes) == said
+    # and once in the window
+    scene = SceneFile(path, settings=sg.Settings(**options, shutter=90.0))
+    document = Document.open(scene, quiet=True)
+    painter = FrameRenderer(NoScreen(), renderer, ())  # type: ignore[arg-type]
+    for level in (FULL, FULL):
+        painter.draw(State.of(document, (SIZE, SIZE)), document, level, False, None)
+    assert [line.removeprefix("splatgl: ") for line in capsys.readouterr().err.splitlines()] == said
 
 
 def test_movies_and_slices_print_options_without_effect(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

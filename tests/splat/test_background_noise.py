@@ -12,7 +12,7 @@ import pytest
 import splatgl as sg
 from splatgl.data.volume import Volume
 from splatgl.splat.presets import default_transfer
-from splatgl.splat.statistics import ground_of, statistics
+from splatgl.splat.statistics import ground_of, sampled_steps, spread, statistics
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
 # offset, noise (standard deviation), least Jaccard index of what is kept, relative to the best of any threshold
@@ -136,3 +136,18 @@ def test_the_neuron_with_an_offset(noise: int) -> None:
     # of independent noise of 8, no threshold keeps more than 0.86
     assert overlap(transfer.opacity(samples) > 0, right) > 0.98 * best_overlap(samples, right)
     assert overlap(transfer.opacity(samples) > 0.1, plain.opacity(clean) > 0.1) > 0.9
+
+
+def test_hot_voxels_do_not_spread_values() -> None:
+    """Of a series the step with an object is the widest, not an empty or constant one with a few hot voxels."""
+    empty, z = np.zeros((64, 32, 32), np.uint16), np.arange(64)[:, None, None]
+    hot, small, large, bad = empty.copy(), empty.copy(), empty.copy(), np.full(empty.shape, np.nan)
+    hot[3::17, 5, 7] = 65535
+    # between the planes of a sample
+    small[33, 8:12, 8:12] = 30000
+    large[:] = np.where(abs(z - 30) < 4, 900, 0)
+    order = (bad, empty, empty + 60000, hot, small, large)
+    spreads = [spread(Volume(samples)) for samples in order]
+    assert spreads[:3] == [0, 0, 0] and spreads[3:] == sorted(spreads[3:]) and spreads[3] > 0
+    assert spread(Volume(np.array([[[-1e308, 1e308, np.inf]]]))) == np.inf
+    assert sampled_steps(2) == [0, 1] and sampled_steps(1000) == [0, 250, 500, 749, 999]

@@ -20,6 +20,7 @@ from splatgl.viewer.adaptive_quality import STRIDES, Refiner
 from splatgl.viewer.commands import Leave, Open, OpenOption, Request
 from splatgl.viewer.display import LEAVING, Options
 from splatgl.viewer.document import Document
+from splatgl.viewer.file_watch import Watch
 from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
 from splatgl.viewer.loading import Added, Files, Loaded, Opened, Reloaded, TimePoint, open_document
 from splatgl.viewer.questions import ask_to_leave
@@ -112,6 +113,40 @@ def test_meshes_stay_with_what_is_read_meanwhile(folder: Path) -> None:
         assert viewer.document is not document and viewer.state.mesh_files == (mesh,)
         shown = viewer.document.with_styles(viewer.state.styles, viewer.state.mesh_files, viewer.state.settings)
         assert len(shown.meshes) == 1 and shown.volume is news.document.volume
+
+
+@pytest.mark.parametrize("kind", ["rising", "labels"])
+def test_time_points_have_the_look_of_their_series(kind: str, folder: Path) -> None:
+    """The first one is empty: all are seen by the values of the widest; segments are those of each time point."""
+    rising, edge = blob(12).samples.astype(np.float32), np.indices((12, 12, 12))[2] < 6
+    labels = np.where(rising > rising.max() / 4, np.where(edge, 3, 8), 0).astype(np.uint8)
+    for n in range(3):
+        step = rising * n if kind == "rising" else labels * (n > 0) + np.uint8(n > 1) * (labels == 8)
+        np.save(folder / f"s{n}.npy", step)
+    found = files()
+    viewer = WithoutWindow(Document.open(SceneFile(str(folder / "a.npy"))), found)
+    found.open([str(folder / f"s{n}.npy") for n in range(3)], Settings())
+    drawn = []
+    for number in (0, 2):
+        if number:
+            viewer.state = replace(viewer.state, time=number)
+            found.show_time(number)
+        (done,) = all_done(found)
+        viewer.apply(done)
+        drawn.append(viewer.state.styles[0].stated)
+        assert viewer.state.times == 3 and not viewer.history.has_unsaved_edits(viewer.state)
+    alone = Document.open(SceneFile(str(folder / "s2.npy"))).styles[0].stated
+    if kind == "rising":
+        assert drawn[0] == drawn[1] == alone
+    else:
+        assert not drawn[0].labels and drawn[1] == alone and [number for number, *_ in alone.labels] == [3, 9]
+    # a changed file is read again in the look of the series
+    found.reopen, found.watch = (lambda: SceneFile(str(folder / "s0.npy"))), Watch.of((str(folder / "s0.npy"),), 0.0)
+    os.utime(folder / "s0.npy", (1, 1))
+    found.check(viewer.state, 1e9)
+    found.check(viewer.state, 2e9)
+    (done,) = all_done(found)
+    assert done.error is None and done.value.document.styles[0].stated == drawn[0]
 
 
 def test_a_time_point_that_is_not_there_leaves_the_one_that_is_shown(folder: Path) -> None:

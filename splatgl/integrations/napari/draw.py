@@ -115,7 +115,7 @@ def draw_snapshot(viewer: Snapshot, interrupted: Callable[[], bool] | None = Non
     if blend is not None:
         scene = viewer.scene(layers, partial(scene_of, viewer, layers, blend))
         image = _draw(viewer, scene, blend, interrupted, BLACK, layers[0].attenuation)
-        return _annotate(viewer, layers, Image(image.pixels, {**image.info, "notes": notes}))
+        return _annotate(viewer, layers, Image(image.pixels, {**image.info, "notes": (*notes, *image.notes)}))
     width, height = viewer.size
     ground, infos = np.broadcast_to(viewer.ground, (height, width, 3)), list[dict[str, Any]]()
     for number, group in enumerate([[layer] for layer in layers] if is_flat else _groups(layers)):
@@ -127,7 +127,13 @@ def draw_snapshot(viewer: Snapshot, interrupted: Callable[[], bool] | None = Non
     # slices have no info
     blends = ", ".join(dict.fromkeys(str(info["blend"]) for info in infos)) or "slices"
     counts = {key: sum(info[key] for info in infos) for key in ("splats", "seconds") if infos}
-    image = Image(pixels, {**(infos[0] if infos else {}), **counts, "blend": blends, "notes": notes})
+    # an option without effect on one layer may have one on others
+    unused = (
+        [note for note in infos[0].get("notes", ()) if all(note in info.get("notes", ()) for info in infos)]
+        if infos
+        else []
+    )
+    image = Image(pixels, {**(infos[0] if infos else {}), **counts, "blend": blends, "notes": (*notes, *unused)})
     return image if is_flat else _annotate(viewer, layers, image)
 
 
@@ -216,7 +222,9 @@ def _draw(
 ) -> Image:
     """Draws the scene from the viewer's camera. attenuation: of an attenuated MIP."""
     camera, mirrored = camera_of(viewer, scene.corners)
-    settings = Settings(blend=blend, background=background, light=viewer.look.light, mip_attenuation=attenuation)
+    settings = Settings(blend=blend, background=background, light=viewer.look.light)
+    if blend == "attenuated-mip":
+        settings = settings.but(mip_attenuation=attenuation)
     if viewer.look.scale < 1:
         settings = settings.but(tolerance=PREVIEW)
     with shared_renderer() as renderer:

@@ -13,6 +13,7 @@ from splatgl import readers
 from splatgl.data.color import color_of_dye
 from splatgl.data.volume import Volume
 from splatgl.readers import FORMATS
+from splatgl.splat.statistics import sampled_steps
 
 LayerData = tuple[Any, dict[str, Any], str]
 
@@ -64,7 +65,7 @@ def _layer(path: str, first: Volume, number: int, channel: Volume) -> LayerData:
         return shown, {**keywords, **_label_keywords(channel)}, "labels"
     if channel.color is not None:
         return shown, {**keywords, "rgb": True}, "image"
-    limits = _range(channel.samples) if several else {}
+    limits = _range(data[0]) if several and isinstance(channel.samples, np.ndarray) else {}
     return shown, {**keywords, **limits, **_display(channel, len(first.channels) > 1)}, "image"
 
 
@@ -110,9 +111,10 @@ def _geometry(volume: Volume, first: Volume, several: bool) -> dict[str, Any]:
     return {**keywords, "affine": affine}
 
 
-def _range(samples: Any) -> dict[str, Any]:
-    """Contrast limits of a time point in memory: napari would use a single plane."""
-    known = samples[np.isfinite(samples)] if isinstance(samples, np.ndarray) else np.zeros(0)
+def _range(times: Any) -> dict[str, Any]:
+    """Contrast limits of a few time points [time, z, y, x]: napari would use a single plane."""
+    parts = [np.asarray(times[number]) for number in sampled_steps(len(times))]
+    known = np.concatenate([part[np.isfinite(part)] for part in parts])
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     return {"contrast_limits": (low, high)} if low < high else {}
 

@@ -33,7 +33,7 @@ def finish(image: Image, x: Any, background: Color | None) -> Image:
     """
     pixels, info = (
         image.pixels,
-        {**image.info, "notes": tuple(list_differences(x, str(image.info.get("mixing", LINEAR))))},
+        {**image.info, "notes": (*list_differences(x, str(image.info.get("mixing", LINEAR))), *image.notes)},
     )
     if BLENDS[str(info["blend"])].unbounded:
         pixels, info = _gray_sums(pixels, background), {**info, "blend": "additive"}
