@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.animation.camera_track import Track, Turning, keyframes, turning
-from splatgl.animation.movie import read_ahead, time_points
+from splatgl.animation.movie import open_series, read_ahead
 from splatgl.annotations.annotate import annotated, check_time, on_ground
 from splatgl.annotations.canvas import Subject
 from splatgl.data.image import Image
@@ -27,7 +27,7 @@ from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name, write_file
 from splatgl.options import Group, Kind, check_options, non_default, option
 from splatgl.scene.draw import print_lines, progress_bar
-from splatgl.scene.open_scene import OpenScene, look_notes, print_notes, provenance_of, series_look, without_background
+from splatgl.scene.open_scene import OpenScene, provenance_of, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.bricks import Bricks, bricks_of, excess_need, required_bricks
 from splatgl.splat.camera import Bounded, Camera
@@ -154,7 +154,7 @@ class Animation:
         names = scenes[0].annotate
         if scenes[0].slices:
             raise expected("--slice", "none in movies", scenes[0].slices[0], "--slice-plane shows it in space")
-        scenes, scene = _open_first(scenes, time, is_quiet)
+        scenes, scene = open_series(scenes, time, is_quiet)
         settings, view = _sharp_unless_asked(scene.file.settings, timeline), scene.file.view
         if timeline.flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
@@ -275,24 +275,6 @@ class Animation:
         assert not isinstance(subject, Bricks)
         cameras = [self.track.camera(n) for n in np.linspace(0, self.count - 1, LOOKS)]
         return max(moments_per_frame(subject, camera, settings, turn) for camera in cameras) or None
-
-
-def _open_first(
-    scenes: list[SceneFile], time: float | str | slice | None, is_quiet: bool
-) -> tuple[list[SceneFile], OpenScene]:
-    """The scenes of all volumes, in the look of their series, and the first one; prints notes. time: as of
-    `time_points`.
-    """
-    file, scene = scenes[0], OpenScene.read(scenes[0]) if len(scenes) == 1 else None
-    if scene is not None:
-        scenes = time_points(file, scene.volume, time)
-    if scene is None or scenes[0] is not file:
-        look = series_look(scenes)
-        scenes = [replace(each, look=look) for each in scenes]
-        scene = OpenScene.read(scenes[0])
-        print_lines(look_notes(look, scenes), is_quiet)
-    print_notes(scene.volume, is_quiet)
-    return scenes, scene
 
 
 def _sharp_unless_asked(settings: Settings, timeline: Timeline) -> Settings:

@@ -17,6 +17,8 @@ from splatgl.data.volume import Volume
 from splatgl.errors import expected, missing_extra
 from splatgl.fileio import atomic_write
 from splatgl.readers.remote import is_address
+from splatgl.scene.draw import print_lines
+from splatgl.scene.open_scene import OpenScene, look_notes, print_notes, series_look
 from splatgl.scene.scene_file import SceneFile
 
 # codec and its options; a smaller crf gives a larger file: these values are visually lossless
@@ -148,6 +150,24 @@ def time_points(scene: SceneFile, volume: Volume, requested: float | str | slice
     if not numbers:
         raise expected("--time", f"some of 0 to {volume.times - 1}", "none")
     return [replace(scene, load={**scene.load, "time": number}) for number in numbers]
+
+
+def open_series(
+    scenes: list[SceneFile], time: float | str | slice | None, is_quiet: bool
+) -> tuple[list[SceneFile], OpenScene]:
+    """The scenes of all volumes, in the look of their series, and the first one; prints notes. time: as of
+    `time_points`.
+    """
+    file, scene = scenes[0], OpenScene.read(scenes[0]) if len(scenes) == 1 else None
+    if scene is not None:
+        scenes = time_points(file, scene.volume, time)
+    if scene is None or scenes[0] is not file:
+        look = series_look(scenes)
+        scenes = [replace(each, look=look) for each in scenes]
+        scene = OpenScene.read(scenes[0])
+        print_lines(look_notes(look, scenes), is_quiet)
+    print_notes(scene.volume, is_quiet)
+    return scenes, scene
 
 
 def is_pattern(source: str) -> bool:
