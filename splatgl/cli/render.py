@@ -140,7 +140,7 @@ def render(args: argparse.Namespace, file: SceneFile, how: DrawOptions, by: Work
     reference = _reference(args.ref, output) if args.ref else None
     if reference is not None and args.background is None and file.settings.background == AUTO:
         file = replace(file, settings=replace(file.settings, background=_behind(reference.image)))
-    scene = OpenScene.read(file, is_quiet, is_alone=by.are_used)
+    scene = OpenScene.read(file, is_quiet)
     if file.slices:
         _check_slices(args, by)
     if args.depth is not None:

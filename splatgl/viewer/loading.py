@@ -356,11 +356,6 @@ def _opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> Opened:
     document, options = open_document(scene)
     # a choice for the file holds for every time point
     scene = replace(scene, load=document.scene.load) if len(document.channels) == 1 else scene
-    if times:
-        # opacities of all volumes refer to the length in the first
-        pairs = zip(document.styles, document.layers, strict=True)
-        styles = tuple(replace(style, base=style.base.on(layer.stored)) for style, layer in pairs)
-        document = replace(document, styles=styles)
     times = times or tuple(time_points(scene, document.volume, None))
     if len(times) > 1:
         look = series_look(times)
@@ -368,6 +363,10 @@ def _opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> Opened:
         print_lines(notes, False)
         times = tuple(replace(point, look=look) for point in times)
         document = Document.open(replace(scene, look=look), quiet=True) if notes else document
+        # opacities of all volumes refer to the length in the first
+        pairs = zip(document.styles, document.layers, strict=True)
+        styles = tuple(replace(style, base=style.base.on(layer.stored)) for style, layer in pairs)
+        document = replace(document, styles=styles)
     return Opened(document, times if len(times) > 1 else (), options, note=_first_note(document))
 
 

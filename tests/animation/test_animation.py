@@ -375,7 +375,7 @@ def test_an_empty_first_step_does_not_choose_the_look_of_a_series(
 ) -> None:
     """It is clear, the widest one is as a still of it alone, and steps between are as much fainter as they are."""
     series = _write_series(kind)
-    view = ["--eye", "30,-20,12", "--look-at", "6.5,6.5,6.5"]
+    view = ["--eye", "30,-20,12", "--look-at", "6.5,6.5,6.5", "--background", "transparent"]
     assert main(["animate", *series, "-o", "{frame}.npy", *view, "--size", "24"]) == 0
     said = capsys.readouterr().err
     assert ("all have the look of time 2, time 0, " if kind == "channels" else "all have the look of s2.npy, ") in said
@@ -397,7 +397,7 @@ def test_an_empty_first_step_does_not_choose_the_look_of_a_series(
     assert np.abs(pixels("p1.npy") - pixels("one.npy")).max() < 1e-6 and pixels("p1.npy").any()
     # the same in Python, of volumes in memory
     held = [np.load(f"s{n}.npy") for n in range(3)]
-    found = sg.animate(held, "h{frame}.npy", eye=(30, -20, 12), look_at=(6.5, 6.5, 6.5), size=24)
+    found = sg.animate(held, "h{frame}.npy", eye=(30, -20, 12), look_at=(6.5, 6.5, 6.5), size=24, background="transparent")
     assert all((pixels(path) == frame).all() for path, frame in zip(found, frames, strict=True))
 
 

@@ -73,7 +73,7 @@ def test_same_takes_the_look_of_the_widest_source(here: Path, capsys: Said) -> N
     """An empty first one is drawn, clear, and does not make the others solid; channels keep what a preset means."""
     tifffile = pytest.importorskip("tifffile", reason="tifffile writes the file")
     ball = sg.scenes.ball(8).samples
-    view = ["--eye", "30,-20,12", "--look-at", "4,4,4"]
+    view = ["--eye", "30,-20,12", "--look-at", "4,4,4", "--background", "transparent"]
     for n in range(3):
         np.save(f"e{n}.npy", ball.astype(np.float32) * n)
         both = np.stack([ball, np.roll(ball, 2, 2)], 1).astype(np.uint16) * (n + 1)

@@ -41,7 +41,7 @@ def ball(count: int, **more: object) -> sg.Volume:
 
 
 def alpha(volume: sg.Volume, unit: float | str | None = "extent") -> float:
-    image = sg.render(volume, replace(SOFT, unit=unit), camera=CAMERA)  # type: ignore[arg-type]
+    image = sg.render(volume, replace(SOFT, unit=unit), camera=CAMERA, background="transparent")  # type: ignore[arg-type]
     return float(image.pixels[..., 3].max())
 
 
