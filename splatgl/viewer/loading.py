@@ -361,12 +361,13 @@ def _opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> Opened:
         look = series_look(times)
         notes = look_notes(look, times)
         print_lines(notes, False)
-        times = tuple(replace(point, look=look) for point in times)
-        document = Document.open(replace(scene, look=look), quiet=True) if notes else document
         # opacities of all volumes refer to the length in the first
         pairs = zip(document.styles, document.layers, strict=True)
         styles = tuple(replace(style, base=style.base.on(layer.stored)) for style, layer in pairs)
-        document = replace(document, styles=styles)
+        length = {} if document.volume.points is not None else {"unit": styles[0].base.unit}
+        times = tuple(replace(point, look=look).with_transfer(length) for point in times)
+        scene = replace(scene, look=look).with_transfer(length)
+        document = Document.open(scene, quiet=True) if notes else replace(document, styles=styles)
     return Opened(document, times if len(times) > 1 else (), options, note=_first_note(document))
 
 
