@@ -102,9 +102,9 @@ class Opaque:
 
 def _is_within(intervals: np.ndarray, samples: np.ndarray) -> np.ndarray:
     """bool: which samples lie in closed intervals [n, 2]; faster than their opacities."""
-    most = float(np.finfo(samples.dtype).max)
     inside = np.zeros(samples.shape, bool)
-    for low, high in np.clip(intervals, -most, most).tolist():
+    # limits of numpy's type: Python's numbers would be rounded to the samples' type
+    for low, high in intervals:
         inside |= (samples >= low) & (samples <= high)
     return inside
 
@@ -121,7 +121,8 @@ def _without_lone(opaque: np.ndarray) -> np.ndarray:
 
 def _is_beside(value: float, samples: np.ndarray) -> np.ndarray:
     """bool: which samples have a neighbour on the other side of a value."""
-    return np.asarray(dilate(samples > value) & dilate(samples <= value))
+    level = np.float64(value)
+    return np.asarray(dilate(samples > level) & dilate(samples <= level))
 
 
 def _row_ends(slab: Slab, opaque: np.ndarray) -> np.ndarray:

@@ -394,11 +394,12 @@ def nearest_transparent(opaque: np.ndarray, values: np.ndarray) -> tuple[np.ndar
     also returns which were opaque, bool [N].
     """
     nearest_clear, within = values.astype(np.float64), np.zeros(len(values), bool)
-    for low, high in opaque.tolist():
+    # limits of numpy's type: Python's numbers would be rounded to the values' type
+    for low, high in opaque:
         inside = (values >= low) & (values <= high)
         # just outside the closed interval
         below, above = np.nextafter([low, high], [-np.inf, np.inf])
-        nearest = np.where(values - np.float64(low) <= np.float64(high) - values, below, above)
+        nearest = np.where(values - low <= high - values, below, above)
         np.copyto(nearest_clear, nearest, where=inside & np.isfinite(nearest))
         within |= inside
     return nearest_clear, within

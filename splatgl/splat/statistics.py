@@ -280,7 +280,7 @@ def _foreground(volume: Volume, lowest: float, ground: Ground | None) -> np.ndar
     """
     parts = [np.array([lowest])]
     for slab in volume.slabs(16, halo=0):
-        others = slab.samples[slab.samples != lowest if ground is None else slab.samples > ground.cut]
+        others = slab.samples[slab.samples != lowest if ground is None else slab.samples > np.float64(ground.cut)]
         others = others.astype(np.float64)
         parts.append(others[np.isfinite(others)])
     values = np.concatenate(parts)

@@ -283,7 +283,9 @@ class Transfer:
         most, v = self.opacity(values), np.asarray(values)
         for region in self.regions:
             low, high = region.values
-            most = np.where((v >= low) & (v <= high), 1 - (1 - most) * (1 - region.densest), most)
+            most = np.where(
+                (v >= np.float64(low)) & (v <= np.float64(high)), 1 - (1 - most) * (1 - region.densest), most
+            )
         return most
 
     def classify(self, values: ArrayLike, magnitude: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
