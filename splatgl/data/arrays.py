@@ -375,5 +375,9 @@ def _fill_masked(x: Any) -> np.ndarray:
     """A masked array with NaN where it is masked: NaN is not drawn."""
     if not np.ma.is_masked(x) or x.dtype.kind not in "buif":
         return np.asarray(x.data)
-    wide = x.dtype if x.dtype.kind == "f" else np.dtype(np.float32 if x.dtype.itemsize < 4 else np.float64)
-    return np.asarray(x.astype(wide).filled(np.nan))
+    return np.asarray(x.astype(missing_type(x.dtype)).filled(np.nan))
+
+
+def missing_type(dtype: np.dtype) -> np.dtype:
+    """The type of real numbers of a type, and of NaN."""
+    return dtype if dtype.kind == "f" else np.dtype(np.float32 if dtype.itemsize < 4 else np.float64)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from splatgl.data.fills import custom_fills, format_numbers
 from splatgl.data.volume import Axis, Hints, Volume
 from splatgl.errors import expected
 from splatgl.fileio import require_memory
@@ -37,10 +38,6 @@ RELIEF = (DEFAULT_LEVELS - 1) / 512
 _TINTS = np.array([[64, 104, 60], [122, 143, 79], [176, 158, 106], [142, 112, 86], [244, 244, 244]], np.float64)
 # metres of a degree of latitude on a sphere
 DEGREE = 6_371_000 * np.pi / 180
-# heights that by custom mean no data (ESRI's, SRTM's), if they lie far below all others
-CUSTOM_NODATA = (-9999.0, -99999.0, -32768.0, -32767.0)
-# sizes that stand for no height: the ends of float32 and float64, Surfer's and NetCDF's, and round ones
-LARGE_NODATA = (3.4028234663852886e38, 1.7976931348623157e308, 1.70141e38, 9.969209968386869e36, 1e20, 1e30)
 
 HEIGHTS = re.compile(
     r"(?<![a-z])(dem|dtm|dsm|srtm|aster|lidar|heights?|heightmap|elev(ation)?|terrain|relief|topo(graphy)?|bathy(metry)?)"
@@ -189,13 +186,8 @@ def _mask_missing(heights: np.ndarray, missing: float | None) -> tuple[np.ndarra
         same = np.float64(np.float32(missing)) if kind == np.float32 else missing
         holes, why = np.isin(values, (missing, same)), f"no data ({missing:g})"
     else:
-        holes = np.any([np.isclose(np.abs(values), size, rtol=1e-5, atol=0) for size in LARGE_NODATA], axis=0)
-        finite = values[np.isfinite(values) & ~holes]
-        least = float(finite.min()) if finite.size else 0.0
-        rest = finite[finite > least]
-        custom = least in CUSTOM_NODATA and rest.size and rest.min() - least > np.ptp(rest)
-        holes |= (values == least) if custom and kind.kind in "if" else False
-        why = f"{least:g}, which by custom means no data," if custom else "beyond any height"
+        fills = custom_fills(np.sort(values[np.isfinite(values)]))[0]
+        holes, why = np.isin(values, fills), f"{format_numbers(fills)}, which by custom means no data,"
     holes &= np.isfinite(values)
     count = int(np.count_nonzero(holes))
     values = np.where(holes, np.nan, values)

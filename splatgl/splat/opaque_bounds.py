@@ -102,9 +102,10 @@ class Opaque:
 
 def _is_within(intervals: np.ndarray, samples: np.ndarray) -> np.ndarray:
     """bool: which samples lie in closed intervals [n, 2]; faster than their opacities."""
+    most = float(np.finfo(samples.dtype).max)
     inside = np.zeros(samples.shape, bool)
     # limits of numpy's type: Python's numbers would be rounded to the samples' type
-    for low, high in intervals:
+    for low, high in np.clip(intervals, -most, most):
         inside |= (samples >= low) & (samples <= high)
     return inside
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.volume import Volume
+from splatgl.splat.far_values import Far, far_values
 from splatgl.splat.grid import distinct
 
 # least number of samples to measure noise
@@ -149,7 +150,8 @@ class Cut:
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """values: finite samples, sorted. background: share of them at exactly the lowest value.
+    """values: finite samples, sorted, without those far from all others. background: share of them at exactly the
+    lowest value.
 
     cuts: thresholds, each of which splits the values above the previous one (empty for a constant volume).
     whole: index of the cut between the object and its surroundings. ground: background of a sparse volume, if it is
@@ -183,9 +185,9 @@ class Statistics:
 
 def statistics(volume: Volume) -> Statistics:
     """Statistics of a volume's finite values; sparse volumes are read whole for their foreground."""
-    volume = _small_level(volume)
-    sample = _sample(volume)
-    finite = _sort_finite(sample)
+    volume, sample, finite, far = _examine(volume)
+    if far != Far():
+        finite, sample = finite[far.near(finite)], np.where(far.near(sample), sample, np.nan)
     if len(finite) == 0:
         return Statistics(finite, 1.0, (), 0)
     background = _share_of_lowest(finite)
@@ -194,7 +196,7 @@ def statistics(volume: Volume) -> Statistics:
         finite[: np.searchsorted(finite, ground.cut, side="right")] = ground.level
         background = _share_of_lowest(finite)
     if background >= SPARSE and (1.0 - background) * len(finite) < FEW and volume.count <= MOST_WHOLE:
-        finite = _foreground(volume, float(finite[0]), ground)
+        finite = _foreground(volume, float(finite[0]), ground, far)
     cuts = _ladder(finite)
     return Statistics(finite, background, cuts, _object_rung(sample, cuts), ground)
 
@@ -233,6 +235,19 @@ def mean_deviation(volume: Volume) -> float:
         with np.errstate(over="ignore"):
             total, count = total + float(np.abs(values - middle).sum()), count + len(values)
     return total / count
+
+
+def far_of(volume: Volume) -> Far:
+    """Values of a volume far from all others."""
+    return _examine(volume)[3]
+
+
+def _examine(volume: Volume) -> tuple[Volume, np.ndarray, np.ndarray, Far]:
+    """The level of a volume that is sampled, the sample, its finite values, sorted, and what is far from all others."""
+    level = _small_level(volume)
+    sample = _sample(level)
+    finite = _sort_finite(sample)
+    return level, sample, finite, far_values(level, sample, finite)
 
 
 def sorted_percentile(values: np.ndarray, percent: float) -> float:
@@ -274,15 +289,15 @@ def _sort_finite(sample: np.ndarray) -> np.ndarray:
     return np.sort(sample, axis=None, kind="stable" if sample.dtype.itemsize <= 2 else None).astype(np.float64)
 
 
-def _foreground(volume: Volume, lowest: float, ground: Ground | None) -> np.ndarray:
-    """The lowest sampled value and at most VALUES of all finite values above the background, or other than the lowest;
-    sorted.
+def _foreground(volume: Volume, lowest: float, ground: Ground | None, far: Far) -> np.ndarray:
+    """The lowest sampled value and at most VALUES of all finite values above the background, or other than the lowest,
+    but those far from all others; sorted.
     """
     parts = [np.array([lowest])]
     for slab in volume.slabs(16, halo=0):
         others = slab.samples[slab.samples != lowest if ground is None else slab.samples > np.float64(ground.cut)]
         others = others.astype(np.float64)
-        parts.append(others[np.isfinite(others)])
+        parts.append(others[np.isfinite(others) & far.near(others)])
     values = np.concatenate(parts)
     return np.sort(values[:: len(values) // VALUES + 1])
 
