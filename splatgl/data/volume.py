@@ -411,7 +411,10 @@ class Volume:
         """The least and the largest finite value; None of many samples or files in parts, and if none is finite."""
         if not isinstance(self.samples, np.ndarray) or self.count > MOST_SCANNED:
             return None
-        values = self.samples[np.isfinite(self.samples)] if self.samples.dtype.kind == "f" else self.samples
+        values = self.samples
+        with np.errstate(invalid="ignore", over="ignore"):
+            if not np.isfinite(values.max() - values.min() if values.dtype.kind == "f" else 0):
+                values = values[np.isfinite(values)]
         return (float(values.min()), float(values.max())) if values.size else None
 
     def time_text(self, number: int) -> str:

@@ -88,7 +88,6 @@ from splatgl.scene.transfer_choice import (
 )
 from splatgl.scene.view import FIT_OF_0_3, ViewOptions, orient_stack
 from splatgl.splat.colormaps import base_name, labels_of
-from splatgl.splat.far_values import without_far
 from splatgl.splat.label_detection import MASK, as_segmentation, mark_kind
 from splatgl.splat.presets import (
     SOLID,
@@ -104,7 +103,7 @@ from splatgl.splat.scissors import FORM, Scissors
 from splatgl.splat.segment_surfaces import SMOOTHING, check_strength
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.slices import SLICE_PLANES, SLICES
-from splatgl.splat.statistics import far_of
+from splatgl.splat.statistics import without_far_values
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
@@ -531,7 +530,7 @@ class SceneFile:
         or up.
         """
         volume, view = self._mask(self.vectors.values(volume)), self.view
-        volume = without_far(volume, far_of(volume))
+        volume = without_far_values(volume)
         volume = self._with_names(self._with_kind(volume))
         if view.eye is not None or view.up is not None:
             return volume

@@ -58,7 +58,7 @@ def far_values(volume: Volume, sample: np.ndarray, values: np.ndarray) -> Far:
 
     def is_padding(fill: float, share: float, rest: np.ndarray) -> bool:
         at_corners = np.count_nonzero(corners == np.float64(fill)) >= CORNERS
-        return at_corners and share >= LEAST_SHARE and _pads(fill, rest) and kind_of(volume)[0] == AMOUNTS
+        return bool(at_corners) and share >= LEAST_SHARE and _pads(fill, rest) and kind_of(volume)[0] == AMOUNTS
 
     fills, rest = custom_fills(values, is_padding)
     low, high = inner_range(rest)
@@ -98,8 +98,8 @@ def _are_hot(volume: Volume, limits: Far) -> bool:
             a, b = np.moveaxis(is_hot, axis, 0), np.moveaxis(beside, axis, 0)
             b[1:] |= a[:-1]
             b[:-1] |= a[1:]
-        count += np.count_nonzero(is_hot)
-        alone += np.count_nonzero(is_hot & ~beside)
+        count += int(np.count_nonzero(is_hot))
+        alone += int(np.count_nonzero(is_hot & ~beside))
         is_mark = all_ and _is_at_corner(np.argwhere(is_hot), block.shape)
     few = 0 < count <= MOST_HOT * sum(block.size for block in blocks)
     return few and (alone >= ALONE * count or is_mark) and _correlation(blocks, limits) >= ALIKE
@@ -133,7 +133,7 @@ def without_far(volume: Volume, far: Far) -> Volume:
     """The volume with NaN, which is not drawn, in place of values far from all others, and in place of lone ones in
     memory the median of those around them; with notes.
     """
-    if far == Far() or len(volume.channels) > 1:
+    if far == Far():
         return volume
 
     def with_missing(block: np.ndarray) -> np.ndarray:
@@ -169,7 +169,7 @@ def _repaired(samples: np.ndarray, far: Far) -> np.ndarray:
     # of an even number the lower one, so that whole numbers stay whole
     middle = values[np.arange(len(places)), np.maximum(known.sum(axis=1) - 1, 0) // 2]
     near[tuple(places[np.isfinite(middle)].T)] = True
-    result = samples.astype(samples.dtype if near.all() else missing_type(samples.dtype))
+    result = np.array(samples, samples.dtype if near.all() else missing_type(samples.dtype))
     result[tuple(places.T)] = middle
     if not near.all():
         result[~near] = np.nan

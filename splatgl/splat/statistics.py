@@ -8,12 +8,12 @@ Large mapped files are sampled: at most PLANES planes, each subsampled.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.far_values import Far, far_values
+from splatgl.splat.far_values import Far, far_values, without_far
 from splatgl.splat.grid import distinct
 
 # least number of samples to measure noise
@@ -240,6 +240,19 @@ def mean_deviation(volume: Volume) -> float:
 def far_of(volume: Volume) -> Far:
     """Values of a volume far from all others."""
     return _examine(volume)[3]
+
+
+def without_far_values(volume: Volume) -> Volume:
+    """The volume without values far from all others, of each channel for itself, as of `without_far`."""
+    if len(volume.channels) < 2:
+        return without_far(volume, far_of(volume))
+    channels = tuple(map(without_far_values, volume.channels))
+    pairs = list(zip(channels, volume.channels, strict=True))
+    notes = [f"{new.name or 'a channel'}: {note}" for new, old in pairs for note in new.notes[len(old.notes) :]]
+    if not notes:
+        return volume
+    first, notes = channels[0], [*volume.notes, *notes]
+    return replace(volume, samples=first.samples, coarser=first.coarser, channels=channels, notes=tuple(notes))
 
 
 def _examine(volume: Volume) -> tuple[Volume, np.ndarray, np.ndarray, Far]:

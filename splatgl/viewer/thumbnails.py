@@ -17,6 +17,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.presets import default_transfer
 from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import Settings
+from splatgl.splat.statistics import without_far_values
 from splatgl.splat.transfer import Transfer
 
 # side of a picture, pixels; size of that of a transfer function
@@ -82,7 +83,7 @@ def reduce_volume(volume: Volume) -> Volume | None:
     small = min((volume, *volume.coarser), key=lambda level: (level.count > MOST_READ, -level.count))
     if small.count > MOST_READ:
         return None
-    small = replace(small, coarser=(), samples=np.asarray(small.samples[:]))
+    small = without_far_values(replace(small, coarser=(), samples=np.asarray(small.samples[:])))
     while small.count > MOST_VOXELS:
         small = halve_volume(small)
     return small

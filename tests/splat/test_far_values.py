@@ -13,8 +13,9 @@ from splatgl.cli.main import main
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.far_values import Far
 from splatgl.splat.presets import PRESETS, preset
-from splatgl.splat.statistics import far_of
+from splatgl.splat.statistics import far_of, without_far_values
 from splatgl.viewer.document import Document
+from splatgl.viewer.thumbnails import reduce_volume
 
 SIDE = 24
 Z, Y, X = np.mgrid[:SIDE, :SIDE, :SIDE] - (SIDE - 1) / 2
@@ -140,6 +141,21 @@ def test_files_and_every_front_end_leave_them_out(tmp_path: Path, capsys: pytest
     assert "voxels of -32768" in told.err and "-32768" not in told.out
     kept = sg.render(tmp_path / "head.npy", size=(32, 32), values="amounts")
     assert not any("-32768" in note for note in kept.notes) and not np.array_equal(kept.pixels, right)
+
+
+def test_each_channel_leaves_out_its_own() -> None:
+    bad, good = np.where(OUTSIDE, -9999, head()), head()[::-1]
+    parts = tuple(sg.Volume(each, name=name) for each, name in ((bad, "red"), (good, "blue")))
+    volume = without_far_values(sg.Volume(bad, channels=parts))
+    assert [each.name for each in volume.channels] == ["red", "blue"] and volume.channels[1].samples is good
+    assert np.isnan(volume.samples).sum() == np.isnan(volume.channels[0].samples).sum() == OUTSIDE.sum()
+    assert len(volume.notes) == 1 and volume.notes[0].startswith("red: voxels of -9999")
+
+
+def test_thumbnails_leave_them_out() -> None:
+    bad, right = (sg.Volume(np.where(OUTSIDE, fill, head())) for fill in (1e30, np.nan))
+    small = [reduce_volume(volume) for volume in (bad, right)]
+    assert np.array_equal(*(volume.samples for volume in small if volume is not None), equal_nan=True)
 
 
 def test_large_samples_are_read_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
