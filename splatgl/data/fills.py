@@ -13,7 +13,7 @@ ENDS_OF_FLOATS, ENORMOUS = (3.4028234663852886e38, 1.7976931348623157e308, 1.701
 # least size of enormous numbers, of the others' largest
 TIMES_LARGER = 1e3
 # ends of integers, and what NetCDF fills with
-LEAST_INTEGERS = frozenset(float(-(2 ** (bits - 1)) + more) for bits in (16, 32, 64) for more in range(3))
+LEAST_INTEGERS = frozenset(float(-(2 ** (bits - 1)) + more) for bits in (14, 16, 32, 64) for more in range(3))
 # 999, 9999, 9999.9, …; least power of ten
 NINES, POWER = re.compile(r"9{3,}(\.(9+|25))?"), 1e4
 # quantiles between which nearly all others lie; how often fills are searched at both ends

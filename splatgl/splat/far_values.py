@@ -18,9 +18,9 @@ from splatgl.splat.label_detection import AMOUNTS, LABELS, kind_of
 
 # ends of integers without sign, and the largest with one
 LARGEST_INTEGERS = frozenset(float(2**bits - 1) for bits in (8, 15, 16, 31, 32, 63, 64))
-# padding: least share of the samples and corners of the box that have it, and distinct other values; distance of
-# numbers without a custom, of the others' spread; values that CT has as air and padding
-LEAST_SHARE, CORNERS, DISTINCT, FURTHER, OF_CT = 0.01, 4, 9, 3.0, (-4096.0, -900.0)
+# padding: least share of the samples and corners of the box that have it, and distinct other values; size of
+# negative numbers without a custom, of the others' largest; values that CT has as air and padding
+LEAST_SHARE, CORNERS, DISTINCT, FURTHER, OF_CT = 0.01, 4, 9, 10.0, (-4096.0, -900.0)
 # hot pixels: largest share of the samples, least share that is alone, and least correlation of neighbours among the
 # others, 0 in noise; largest side of a mark at a corner, of the box's
 MOST_HOT, ALONE, ALIKE, MARK = 0.02, 0.8, 0.3, 1 / 3
@@ -77,8 +77,8 @@ def _pads(fill: float, rest: np.ndarray) -> bool:
     low, high = inner_range(rest)
     apart = max(low - fill, fill - high)
     is_usual = fill in LARGEST_INTEGERS or (fill > 0 and is_nines(fill))
-    is_negative = fill < 0 <= rest[0] and not OF_CT[0] <= fill <= OF_CT[1]
-    is_far = (is_usual and apart > high - low) or (is_negative and apart > FURTHER * (high - low))
+    is_negative = fill < 0 and not OF_CT[0] <= fill <= OF_CT[1]
+    is_far = (is_usual and apart > high - low) or (is_negative and -fill > FURTHER * max(abs(low), abs(high)))
     is_far |= abs(fill) >= TIMES_LARGER * max(abs(low), abs(high))
     return bool(is_far) and len(distinct(rest)) >= DISTINCT
 
