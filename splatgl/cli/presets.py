@@ -67,12 +67,14 @@ def run(args: argparse.Namespace) -> int:
     scene.require_one_volume()
     check_source(output, args.source, *scene.files)
     scene = replace(scene, view=replace(scene.view, size=args.size or (SIDE, SIDE)))
-    volume = scene.open()
-    scene, volume = scene.cut(volume), subsampled(volume)
+    whole = scene.open()
+    scene, volume = scene.cut(whole), subsampled(whole)
     looks = {DEFAULT: (default_transfer(volume), scene.settings), **dict(looks_of(volume, scene.settings))}
     from splatgl.fileio import write_file
     from splatgl.scene.draw import DrawOptions, progress_bar
+    from splatgl.scene.open_scene import print_notes
 
+    print_notes(whole, is_alone=True)
     camera = scene.view.camera(volume, volume)
     pictures: dict[str, Picture | None] = {}
     with record_of(args, DrawOptions).renderer() as renderer, progress_bar("preset", is_quiet=False) as progress:
