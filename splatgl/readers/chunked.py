@@ -20,13 +20,15 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.arrays import Key, Transposed
-from splatgl.errors import InputError
-from splatgl.fileio import atomic_write
+from splatgl.errors import InputError, expected
+from splatgl.fileio import atomic_write, budget, byte_count, format_bytes
 from splatgl.readers.common import decoder_errors
 from splatgl.readers.remote import cache_folder
 
-# bytes of decoded chunks in the cache
-CACHE_BYTES = 2**27
+# most bytes of an array's decoded chunks in the cache, and their share of the memory budget
+CACHE_BYTES, CACHE_SHARE = 2**27, 1 / 8
+# copies of a chunk that decoding holds at a time: stored, decoded, and as samples; bytes that they may always take
+COPIES, ALWAYS = 3, 2**25
 
 
 def file_tag(path: Path | str) -> str:
@@ -124,6 +126,8 @@ class Chunked:
                 is_stored = self.files.holds(self._begin(place))
                 empty = np.asarray(self.array.fill_value or 0, self.dtype)
                 size = [b - a for a, b in zip(low, high, strict=True)]
+                if is_stored:
+                    _check_fits(tuple(size), self.dtype)
                 chunk = np.asarray(self.array[part]) if is_stored else np.broadcast_to(empty, size)
         except InputError as error:
             raise InputError(f"{self.name}: {error}") from error
@@ -133,10 +137,19 @@ class Chunked:
             if not is_stored:
                 return chunk
             self.cache[place] = chunk
-            most = max(CACHE_BYTES // max(math.prod(self.chunks) * self.dtype.itemsize, 1), 1)
+            most = max(min(CACHE_BYTES, int(CACHE_SHARE * budget())) // max(byte_count(self.chunks, self.dtype), 1), 1)
             while len(self.cache) > most:
                 self.cache.popitem(last=False)
         return chunk
+
+
+def _check_fits(chunks: tuple[int, ...], dtype: np.dtype) -> None:
+    """Raises InputError for chunks of which the memory budget cannot hold one while it is decoded."""
+    needed, most = COPIES * byte_count(chunks, dtype), budget()
+    if needed > max(most, ALWAYS):
+        got = f"{format_bytes(needed)} for one of {'×'.join(map(str, reversed(chunks)))}"
+        fix = "give more --memory, or save the array in smaller chunks"
+        raise expected("chunks", f"at most {format_bytes(most)} to decode one", got, fix)
 
 
 # state of a chunk's extremes: not known; known; no finite sample

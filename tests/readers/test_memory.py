@@ -17,6 +17,8 @@ import splatgl as sg
 from splatgl import fileio
 from splatgl.cli.main import main
 from splatgl.errors import InputError
+from splatgl.readers import chunked as reading
+from splatgl.readers import ome_zarr
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
 
@@ -183,3 +185,44 @@ def test_the_command_keeps_to_its_memory(tmp_path: Path, capsys: pytest.CaptureF
     assert not (tmp_path / "a.png").exists()
     # and leaves none to what the process reads next
     assert fileio.budget() != 8 * MIB
+
+
+def chunked(path: Path, side: int, chunk: int) -> np.ndarray:
+    zarr = pytest.importorskip("zarr", reason="writes the store; it is in the extra readers")
+    samples = np.arange(side**3, dtype=np.float32).reshape((side,) * 3) % 251
+    store = zarr.create_array(path, shape=samples.shape, chunks=(chunk,) * 3, dtype="float32")
+    store[:] = samples
+    return samples
+
+
+@pytest.mark.usefixtures("budget")
+def test_decoded_chunks_take_a_share_of_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 8 MiB a mebibyte, thus 4 chunks of 256 KiB of all 64; and what a read of all finds is right."""
+    monkeypatch.setattr(ome_zarr, "WHOLE_BYTES", 1000)
+    samples = chunked(tmp_path / "a.zarr", 160, 40)
+    found = sg.load(tmp_path / "a.zarr").samples
+    assert np.array_equal(found[:], samples)
+    assert 0 < sum(chunk.nbytes for chunk in found.cache.values()) <= BUDGET // 8
+    fileio.set_budget(64 * BUDGET)
+    assert np.array_equal(found[:, :1, :1], samples[:, :1, :1]) and np.array_equal(found[:], samples)
+    assert sum(chunk.nbytes for chunk in found.cache.values()) == samples.nbytes
+
+
+def test_chunks_that_memory_cannot_hold_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A chunk is decoded as a whole, however little of it is wanted; small ones always are."""
+    monkeypatch.setattr(ome_zarr, "WHOLE_BYTES", 1000)
+    monkeypatch.setattr(reading, "ALWAYS", MIB)
+    chunked(tmp_path / "one.zarr", 96, 96)
+    asked = ["render", str(tmp_path / "one.zarr"), "-o", str(tmp_path / "a.png"), "--size", "8"]
+    assert main([*asked, "--memory", "8MiB"]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1 and not (tmp_path / "a.png").exists()
+    assert "chunks: expected at most 8.0 MiB to decode one, got 10.1 MiB for one of 96×96×96; give more" in told
+    monkeypatch.setattr(reading, "ALWAYS", 16 * MIB)
+    fileio.set_budget(BUDGET)
+    try:
+        assert sg.load(tmp_path / "one.zarr").samples[0, 0, 1] == 1
+    finally:
+        fileio.set_budget(None)
