@@ -88,6 +88,7 @@ def require_existing(path: Path, what: object, this: str = "a file") -> None:
     raise expected(what, this, "no such file", f"did you mean {similar[0]}?" if similar else "check the path")
 
 
+# most bytes of an array that is read as a whole
 WHOLE_BYTES = 2**28
 
 
@@ -98,6 +99,8 @@ def byte_count(shape: Sequence[int], dtype: np.dtype) -> int:
 
 # share of the available memory that is used unless a budget is set
 SHARE = 0.5
+# share of the budget that samples in memory take, or chunks of them, and bytes that they may always take
+HELD_SHARE, ALWAYS = 1 / 8, 2**25
 # the budget that was set, if any
 _budget: list[int] = []
 
@@ -134,6 +137,11 @@ def require_memory(
     if needed > most:
         got = f"{format_bytes(needed)}, packed in {format_bytes(max(there, 0))}"
         raise expected(what, f"at most {format_bytes(most)} in memory", got, fix)
+
+
+def held_within_budget(most: int) -> int:
+    """Bytes that samples in memory, or decoded chunks of them, may take: `most`, or their share of the budget."""
+    return min(most, max(int(HELD_SHARE * budget()), ALWAYS))
 
 
 def budget() -> int:

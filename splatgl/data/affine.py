@@ -12,7 +12,7 @@ import numpy as np
 from splatgl.data.times import plain_unit
 from splatgl.data.volume import Axis, Triple, Volume, triple
 from splatgl.errors import expected
-from splatgl.fileio import WHOLE_BYTES, budget, byte_count
+from splatgl.fileio import WHOLE_BYTES, budget, byte_count, held_within_budget
 
 # deviation from even steps, in steps, that is not resampled: coordinates are often written with few digits
 _NEARLY_EVEN = 0.01
@@ -97,7 +97,8 @@ class Lattice:
         if all(places is None for places in self.between):
             return samples
         resampled = Resampled(samples, [*self.between, *[None] * (len(samples.shape) - 3)])
-        return resampled if byte_count(resampled.shape, resampled.dtype) > WHOLE_BYTES else resampled[()]
+        size = byte_count(resampled.shape, resampled.dtype)
+        return resampled if size > held_within_budget(WHOLE_BYTES) else resampled[()]
 
     def volume(self, samples: Any, what: str, **more: Any) -> Volume:
         """The volume of samples [z, y, x] on this grid. what: the grid's name in messages; more: fields of `Volume`."""

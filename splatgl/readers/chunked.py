@@ -21,14 +21,14 @@ import numpy as np
 
 from splatgl.data.arrays import Key, Transposed
 from splatgl.errors import InputError, expected
-from splatgl.fileio import atomic_write, budget, byte_count, format_bytes
+from splatgl.fileio import ALWAYS, atomic_write, budget, byte_count, format_bytes, held_within_budget
 from splatgl.readers.common import decoder_errors
 from splatgl.readers.remote import cache_folder
 
-# most bytes of an array's decoded chunks in the cache, and their share of the memory budget
-CACHE_BYTES, CACHE_SHARE = 2**27, 1 / 8
-# copies of a chunk that decoding holds at a time: stored, decoded, and as samples; bytes that they may always take
-COPIES, ALWAYS = 3, 2**25
+# most bytes of an array's decoded chunks in the cache
+CACHE_BYTES = 2**27
+# copies of a chunk that decoding holds at a time: stored, decoded, and as samples
+COPIES = 3
 
 
 def file_tag(path: Path | str) -> str:
@@ -137,7 +137,7 @@ class Chunked:
             if not is_stored:
                 return chunk
             self.cache[place] = chunk
-            most = max(min(CACHE_BYTES, int(CACHE_SHARE * budget())) // max(byte_count(self.chunks, self.dtype), 1), 1)
+            most = max(held_within_budget(CACHE_BYTES) // max(byte_count(self.chunks, self.dtype), 1), 1)
             while len(self.cache) > most:
                 self.cache.popitem(last=False)
         return chunk

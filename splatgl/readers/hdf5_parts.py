@@ -19,7 +19,7 @@ import numpy as np
 from splatgl.data.arrays import of_array
 from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import expected
-from splatgl.fileio import WHOLE_BYTES, byte_count, decode_text
+from splatgl.fileio import WHOLE_BYTES, byte_count, decode_text, held_within_budget
 from splatgl.readers.chunked import Chunked, OneFile, Packing
 from splatgl.readers.common import (
     DEFLATE_RATIO,
@@ -68,7 +68,7 @@ def read_samples(
     if offset is not None and packed is None:
         return map_array(path, int(offset), dataset.dtype, dataset.shape)[tuple(index)]
     part = (_DatasetPart if is_hdf5 else _Part)(path, dataset, index, packed)
-    if byte_count(part.free, part.dtype) > WHOLE_BYTES:
+    if byte_count(part.free, part.dtype) > held_within_budget(WHOLE_BYTES):
         return Chunked(str(path), part, part.index, part, "HDF5" if is_hdf5 else "NetCDF")
     if is_hdf5 and not anywhere:
         require_plausible(byte_count(part.free, dataset.dtype), dataset.id.get_storage_size(), bounded=False)

@@ -19,7 +19,7 @@ import numpy as np
 from splatgl.data.affine import metres_in, unit_name
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra, list_names
-from splatgl.fileio import WHOLE_BYTES, byte_count, decode_text, require_memory
+from splatgl.fileio import WHOLE_BYTES, byte_count, decode_text, held_within_budget, require_memory
 from splatgl.readers.channels import Channel, ChannelSet, mark_microscope, split_colors
 from splatgl.readers.chunked import Chunked, OneFile, file_tag
 from splatgl.readers.common import decoder_errors, parse_number
@@ -178,7 +178,7 @@ def _missing_notes(texts: list[str]) -> list[str]:
 def _read_stack(files: Sequence[Path], first: np.ndarray) -> Volume:
     """The volume of slices like `first`; read in parts if it takes more than WHOLE_BYTES."""
     size = byte_count((len(files), *first.shape), first.dtype)
-    if first.ndim == 2 and size > WHOLE_BYTES:
+    if first.ndim == 2 and size > held_within_budget(WHOLE_BYTES):
         for file in files:
             _check_same(file, *_describe_plane(file), files[0], first)
         planes = _Planes(files, first)

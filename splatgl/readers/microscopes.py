@@ -16,7 +16,7 @@ import numpy as np
 
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import expected
-from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
+from splatgl.fileio import WHOLE_BYTES, byte_count, held_within_budget, require_memory
 from splatgl.readers.channels import Channel, ChannelSet, mark_microscope, split_colors
 from splatgl.readers.chunked import Chunked, OneFile
 from splatgl.readers.common import MAX_BYTES, decoder_errors
@@ -165,7 +165,7 @@ def _read_samples(path: Path, form: str, array: Any, index: tuple[int | slice, .
     if isinstance(array, np.ndarray):
         return array[index]
     free = [size for size, at in zip(array.shape, index, strict=True) if isinstance(at, slice)]
-    if len(free) == 3 and byte_count(free, array.dtype) > WHOLE_BYTES:
+    if len(free) == 3 and byte_count(free, array.dtype) > held_within_budget(WHOLE_BYTES):
         return Chunked(str(path), array, index, file, form)
     require_memory(byte_count(free, array.dtype), path.stat().st_size)
     with decoder_errors(form):

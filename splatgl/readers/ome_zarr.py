@@ -23,7 +23,7 @@ from splatgl.data.affine import (
 from splatgl.data.times import Times, seconds_in
 from splatgl.data.volume import Hints, Label, Lengths, Triple, Volume
 from splatgl.errors import Choice, expected, import_extra, list_names
-from splatgl.fileio import WHOLE_BYTES, byte_count
+from splatgl.fileio import WHOLE_BYTES, byte_count, held_within_budget
 from splatgl.readers.channels import MOST_CHANNELS, Channel, ChannelSet, hex_color, mark_microscope, parse_window
 from splatgl.readers.chunked import Chunked, TransposedChunks
 from splatgl.readers.common import array_fields, decoder_errors
@@ -158,7 +158,7 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
 
             def read_array(channel: int | None) -> Volume:
                 channel_options = replace(options, channel=channel)
-                return _read_volume(path, None, group, None, channel_options, remote, WHOLE_BYTES)
+                return _read_volume(path, None, group, None, channel_options, remote, held_within_budget(WHOLE_BYTES))
 
             return find_channels(None, group, None).volume(options, read_array)
         group, options, notes = _select_image(group, options, remote)
@@ -178,7 +178,7 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
             channel_options = replace(options, channel=channel)
             volumes = []
             for node in nodes:
-                most = WHOLE_BYTES if node is nodes[0] else WHOLE_LEVEL
+                most = held_within_budget(WHOLE_BYTES) if node is nodes[0] else WHOLE_LEVEL
                 volume = _read_volume(path, group, node, multiscale, channel_options, remote, most)
                 volumes.append(_with_stored_colors(path, group, node, volume, remote))
             return replace(volumes[0], coarser=tuple(volumes[1:]))

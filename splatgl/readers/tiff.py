@@ -21,7 +21,7 @@ import numpy as np
 from splatgl.data.affine import shared_unit, unit_name
 from splatgl.data.volume import Lengths, Triple, Volume, triple
 from splatgl.errors import InputError, expected, import_extra
-from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
+from splatgl.fileio import WHOLE_BYTES, byte_count, held_within_budget, require_memory
 from splatgl.readers.channels import MAGNITUDE_NOTE, magnitudes, mark_microscope, split_colors
 from splatgl.readers.chunked import Chunked, TransposedChunks
 from splatgl.readers.common import decoder_errors, find_data_file, map_array, require_bytes, require_plausible
@@ -231,7 +231,8 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
     if z is None or (_band_axis(image, series) == z and series.shape[z] <= _MOST_BANDS):
         return _picture_volume(image, series, number, options)
     _refuse_options(series, z, options)
-    large = len(levels) > 1 and series.offset is None and byte_count(series.shape, series.dtype) > WHOLE_BYTES
+    size = byte_count(series.shape, series.dtype)
+    large = len(levels) > 1 and series.offset is None and size > held_within_budget(WHOLE_BYTES)
     times = dict(zip(series.axes, series.shape, strict=True)).get("T", 1)
     time = options.time_number(times) if times > 1 else 0
     pixels = None if large else _read_pixels(image, series, number, time)

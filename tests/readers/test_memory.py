@@ -199,6 +199,7 @@ def chunked(path: Path, side: int, chunk: int) -> np.ndarray:
 def test_decoded_chunks_take_a_share_of_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 8 MiB a mebibyte, thus 4 chunks of 256 KiB of all 64; and what a read of all finds is right."""
     monkeypatch.setattr(ome_zarr, "WHOLE_BYTES", 1000)
+    monkeypatch.setattr(fileio, "ALWAYS", 0)
     samples = chunked(tmp_path / "a.zarr", 160, 40)
     found = sg.load(tmp_path / "a.zarr").samples
     assert np.array_equal(found[:], samples)
@@ -226,3 +227,24 @@ def test_chunks_that_memory_cannot_hold_are_refused(
         assert sg.load(tmp_path / "one.zarr").samples[0, 0, 1] == 1
     finally:
         fileio.set_budget(None)
+
+
+def test_samples_larger_than_a_share_of_the_memory_are_read_in_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An eighth of the budget, of every kind that is read in parts, and never below what is always held."""
+    monkeypatch.setattr(fileio, "ALWAYS", MIB)
+    samples = chunked(tmp_path / "a.zarr", 80, 40)
+    h5py = pytest.importorskip("h5py", reason="writes the file; it is in the extra readers")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("a", data=samples, chunks=(40,) * 3)
+    for name in ("a.zarr", "a.h5"):
+        for memory, whole in ((16 * MIB, True), (15 * MIB, False), (1, False)):
+            fileio.set_budget(memory)
+            try:
+                found = sg.load(tmp_path / name).samples
+            finally:
+                fileio.set_budget(None)
+            assert isinstance(found, np.ndarray) == whole, (name, memory)
+            assert np.array_equal(found[:3], samples[:3])
+    assert fileio.held_within_budget(100) == 100
