@@ -302,7 +302,7 @@ def render_slabs(
             return Image(image.pixels, {**image.info, **info})
         bricks = bricks.limited(most)
         image = drawing.render_bricks(bricks, camera, settings, progress, bands=need.bands(bricks, most))
-        return Image(image.pixels, {**info, **image.info}).with_notes(need.notes(bricks, most))
+        return Image(image.pixels, {**info, **image.info})
 
 
 def render_moving_bricks(

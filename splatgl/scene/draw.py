@@ -270,10 +270,10 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
     fix = "give more --memory, or a part of the volume"
     how.check_supported("bricks", f"a picture that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
     bricks = bricks.limited(most)
-    notes = need.notes(bricks, most)
     with how.renderer() as renderer, progress_bar("brick", scene.is_quiet) as progress:
-        # refuses what bricks cannot draw, before notes on it
+        # refuses what bricks cannot draw, before memory that is too little for it
         renderer.plan_bricks(bricks, scene.camera, scene.settings)
+        bands = need.bands(bricks, most)
         if not scene.is_quiet:
             reason = f"{need}, together more than {format_bytes(most)}"
             if need.bytes <= most:
@@ -281,8 +281,7 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
             print(f"{reason}: drawn in {len(bricks.low):,} bricks, nearest first")
         if how.explain:
             print(renderer.plan(bricks.whole, scene.camera, scene.settings).explain())
-        image = renderer.render_bricks(bricks, scene.camera, scene.settings, progress, bands=need.bands(bricks, most))
-    image = image.with_notes(notes)
+        image = renderer.render_bricks(bricks, scene.camera, scene.settings, progress, bands=bands)
     return _compared(image, how) if image.info["splats"] else image
 
 

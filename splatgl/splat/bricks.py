@@ -296,17 +296,19 @@ class Need:
         return f"{count} take {format_bytes(EACH * self.most)}, samples and pixels {samples}"
 
     def bands(self, bricks: Bricks, memory: int) -> int:
-        """Number of bands of rows into which a picture in bricks is split to fit into about `memory` bytes."""
+        """Number of bands of rows into which a picture in bricks is split to fit into about `memory` bytes. Raises
+        InputError if it takes more in any number of them.
+        """
+        least = self.least(bricks)
+        if least > memory:
+            this = f"at least {format_bytes(least)} for this picture"
+            raise expected("memory", this, format_bytes(memory), "give more --memory, or a coarser --level")
         room = max(memory - self._fixed(bricks), LEAST)
         return int(np.clip(-(-self._parted // room), 1, MOST_BANDS))
 
-    def notes(self, bricks: Bricks, memory: int) -> tuple[str, ...]:
-        """A note if a picture in bricks takes more than `memory` bytes, beyond those of an empty run."""
-        least = self._fixed(bricks) + max(-(-self._parted // MOST_BANDS), min(self._parted, LEAST))
-        if least <= memory:
-            return ()
-        got = f"expected at least {format_bytes(least)} for this picture, got {format_bytes(memory)}"
-        return (f"memory: {got}: it takes more than that",)
+    def least(self, bricks: Bricks) -> int:
+        """Bytes of a picture in bricks, in as many bands as there may be, beyond those of an empty run."""
+        return self._fixed(bricks) + max(-(-self._parted // MOST_BANDS), min(self._parted, LEAST))
 
     def _fixed(self, bricks: Bricks) -> int:
         return BRICKS + THREAD * (bricks.threads - 1) + BATCHED * bricks.batch + self.held

@@ -29,6 +29,7 @@ from splatgl.scene.open_scene import series_look
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from tests.helpers.bricks import noise
+from tests.helpers.memory import allow_any_memory
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
 
@@ -692,6 +693,7 @@ def test_a_volume_beyond_memory_is_drawn_in_bricks(
     assert main([*keyed, "-o", "a/{frame}.npy"]) == 0
     bricks = []
     render = sg.Renderer.render_bricks
+    allow_any_memory(monkeypatch)
     monkeypatch.setattr(sg.Renderer, "render_bricks", lambda *a, **k: bricks.append(1) or render(*a, **k))
     monkeypatch.setattr(animation, "budget", lambda: 1 << 20)
     assert main([*keyed, "-o", "b/{frame}.npy"]) == 0

@@ -19,6 +19,7 @@ from splatgl.reference.field import field_integral
 from splatgl.reference.pick import pick
 from splatgl.splat import bricks
 from splatgl.splat.iso import spline_crossings
+from tests.helpers.memory import allow_any_memory
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
 
@@ -199,8 +200,11 @@ def test_float64_agrees_with_the_field(kind: str) -> None:
     assert np.abs(sheets - marched)[inside].max() < (6e-3 if kind == "regions" else 4e-3)
 
 
-def test_a_picture_within_memory_is_that_of_the_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_picture_within_memory_is_that_of_the_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """`--memory` reads a file in bricks."""
+    allow_any_memory(monkeypatch)
     np.save(tmp_path / "ball.npy", ball().samples)
     options = ["--iso", "12:red", "--points", "0:0,20:0", "--size", "24", "--check", "0"]
     pictures = []

@@ -14,6 +14,7 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
+import pytest
 
 import splatgl as sg
 from splatgl.annotations.annotate import on_ground
@@ -31,6 +32,7 @@ from splatgl.viewer.document import Document
 from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.saving import copy_text, render_scene, scene_of
 from splatgl.viewer.state import State
+from tests.helpers.memory import allow_any_memory
 from tests.helpers.random_scenes import TABLES, Draft, Table
 
 Info = Mapping[str, Any]
@@ -292,7 +294,9 @@ def by_python_animation(draft: Draft) -> Drawn:
 
 
 def in_bricks(draft: Draft) -> Drawn:
-    image = sg.render(scene_path(draft), memory="1MiB")
+    with pytest.MonkeyPatch.context() as patch:
+        allow_any_memory(patch)
+        image = sg.render(scene_path(draft), memory="1MiB")
     return Drawn(image.pixels, image.info)
 
 

@@ -24,6 +24,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.viewer.show import in_notebook
+from tests.helpers.memory import allow_any_memory
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
 
@@ -54,8 +55,9 @@ def volume() -> sg.Volume:
     ],
 )
 def test_the_pixels_are_those_of_the_command(
-    volume: sg.Volume, tmp_path: Path, command: str, options: dict[str, Any]
+    volume: sg.Volume, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, options: dict[str, Any]
 ) -> None:
+    allow_any_memory(monkeypatch)
     np.save(tmp_path / "balls.npy", volume.samples)
     out = tmp_path / "out.npy"
     shared = f"--spacing 1,1,1.5 --size 96x64 {command}".split()

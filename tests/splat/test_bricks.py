@@ -33,6 +33,7 @@ from splatgl.splat.settings import Settings
 from splatgl.splat.sheets import Sheets
 from splatgl.splat.view import GridView
 from tests.helpers.bricks import ALL, PICTURES, RAMP, VIEWS, cameras, noise
+from tests.helpers.memory import allow_any_memory
 from tests.helpers.noise import GRIDS
 from tests.helpers.regions import half_flat
 from tests.helpers.splatting import spread
@@ -264,9 +265,12 @@ def test_only_what_is_seen_is_read(renderer: sg.Renderer) -> None:
     )
 
 
-def test_a_budget_decides(renderer: sg.Renderer, rng: np.random.Generator) -> None:
+def test_a_budget_decides(renderer: sg.Renderer, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     volume = sg.Volume(noise(rng, (14, 14, 14)))
     camera = cameras(volume)["outside"]
+    with pytest.raises(sg.InputError, match=r"^memory: expected at least .* for this picture, got 1 bytes; "):
+        render_slabs(volume, RAMP, camera, ALL, 1, renderer=renderer)
+    allow_any_memory(monkeypatch)
     done: list[tuple[int, int]] = []
     parts = render_slabs(volume, RAMP, camera, ALL, 1, lambda *told: done.append(told), renderer)
     whole = render_slabs(volume, RAMP, camera, ALL, 2**40, renderer=renderer)
@@ -314,6 +318,7 @@ def test_estimates(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) ->
     """All splats of a volume no larger than the boxes, those of a larger one within a third; without reading where
     even the most fits.
     """
+    allow_any_memory(monkeypatch)
     volume = sg.Volume(noise(rng, (40, 40, 40)))
     bricks = in_bricks(volume, RAMP, ALL, 8)
     kept = len(sg.extract(volume, RAMP, classification="post"))
@@ -335,7 +340,7 @@ def test_estimates(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) ->
     assert 0 < fileio.budget() < 2**50
 
 
-def test_less_memory_means_fewer_threads_smaller_batches_and_a_note(
+def test_less_memory_means_fewer_threads_smaller_batches_or_a_refusal(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Within the memory in all, and samples that are in memory count."""
@@ -347,11 +352,18 @@ def test_less_memory_means_fewer_threads_smaller_batches_and_a_note(
     small, middle, large = (bricks.limited(memory << 20) for memory in (100, 1024, 8192))
     assert (small.threads, small.batch) == (1, bricking.LEAST_BATCH) and (large.threads, large.batch) == (8, 2**19)
     assert 1 < middle.threads < 8 and small.batch < middle.batch <= large.batch
-    assert need.notes(large, 8192 << 20) == () == need.notes(middle, 1024 << 20)
-    (note,) = need.notes(small, 100 << 20)
-    assert note.startswith("memory: expected at least ") and note.endswith("MiB: it takes more than that")
-    held = replace(need, held=2**30).notes(middle, 1024 << 20)
-    assert held and need.bands(middle, 1024 << 20) < replace(need, held=2**30).bands(middle, 1024 << 20)
+    assert need.bands(large, 8192 << 20) == 1 and need.bands(middle, 1024 << 20) == 1
+    least = need.least(small)
+    assert need.bands(small, least) > 1
+    fix = "give more --memory, or a coarser --level"
+    with pytest.raises(
+        sg.InputError, match=rf"^memory: expected at least .* MiB for this picture, got 100\.0 MiB; {fix}"
+    ):
+        need.bands(small, 100 << 20)
+    with pytest.raises(sg.InputError, match=r"^memory: expected at least "):
+        need.bands(small, least - 1)
+    held = replace(need, held=500 << 20)
+    assert held.least(small) == least + held.held - need.held
 
 
 # prints the peak of a process that opens a context, MiB, without and with drawing
@@ -521,6 +533,10 @@ def test_the_command_line(
     monkeypatch.chdir(tmp_path)
     np.save("noise.npy", noise(rng, (30, 30, 30)))
     asked = ["render", "noise.npy", "-o", "x.npy", "--points", "0.45:0,0.6:0.8", "--size", "24", "--memory"]
+    assert main([*asked, "1KB"]) == 2 and not Path("x.npy").exists()
+    refused = capsys.readouterr()
+    assert refused.err.startswith("splatgl: --memory: expected at least ") and refused.err.count("\n") == 1
+    allow_any_memory(monkeypatch)
     assert main([*asked, "1KB"]) == 0
     told = capsys.readouterr().out
     assert "more than 1000 bytes" in told or "more than 1.0 KiB" in told
