@@ -13,13 +13,13 @@ import stat
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from itertools import islice
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.errors import SIMILAR, InputError, expected
 from splatgl.platforms import free_memory
@@ -27,6 +27,8 @@ from splatgl.platforms import free_memory
 if TYPE_CHECKING:
     import numpy as np
 
+
+Result = TypeVar("Result")
 
 # names that Windows keeps for devices, with any ending
 DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\.|$)")
@@ -101,6 +103,8 @@ def byte_count(shape: Sequence[int], dtype: np.dtype) -> int:
 SHARE = 0.5
 # share of the budget that samples in memory take, or chunks of them, and bytes that they may always take
 HELD_SHARE, ALWAYS = 1 / 8, 2**25
+# bytes of the process that draws nothing much: Python, numpy, OpenGL and a reader
+PROCESS = 190 << 20
 # the budget that was set, if any
 _budget: list[int] = []
 
@@ -124,9 +128,25 @@ def format_bytes(count: int) -> str:
     return f"{size:.0f} {units[0]}" if units[0] == "bytes" else f"{size:.1f} {units[0]}"
 
 
-def set_budget(memory: int | None) -> None:
-    """Sets the memory budget of this process, bytes; None: a share of the free memory."""
-    _budget[:] = [] if memory is None else [memory]
+@contextmanager
+def within(memory: int | None) -> Iterator[None]:
+    """Sets the memory budget of this process, bytes, for what is done meanwhile; None: leaves it as it is.
+    Raises InputError for no bytes.
+    """
+    if memory is not None and memory <= 0:
+        raise expected("memory", "a positive number of bytes", memory)
+    before = [*_budget]
+    _budget[:] = before if memory is None else [memory]
+    try:
+        yield
+    finally:
+        _budget[:] = before
+
+
+def call_within(memory: int | None, work: Callable[..., Result], *arguments: object) -> Result:
+    """Calls work(*arguments) within a memory budget, as `within` sets it."""
+    with within(memory):
+        return work(*arguments)
 
 
 def require_memory(

@@ -336,7 +336,7 @@ def _bands(scene: OpenScene, flow: float | None) -> int:
             return 0
         fix = "leave the flow and the motion out, or choose a coarser --level"
         raise expected(file.volume, f"a volume that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
-    return need.bands(bricks, most)
+    return need.fitted(bricks, most)[1]
 
 
 # factor of the brightest pixel of some X-rays, for brighter frames between them

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from splatgl.animation.animation import Animation, Frames, Timeline, draw_frames
 from splatgl.animation.movie import need, volumes, write_movie
 from splatgl.errors import USER_ERRORS, error_prefix, expected
-from splatgl.fileio import check_source
+from splatgl.fileio import check_source, within
 from splatgl.options import is_number, keyword, keywords_of, names_of, non_default, with_keywords
 from splatgl.scene.api import KEYWORDS, is_scene, is_splats, scene_of
 from splatgl.scene.draw import DrawOptions, WorkerOptions
@@ -78,12 +78,14 @@ def animate(
     if bits not in (8, 16):
         raise expected("bits", "8 or 16", repr(bits))
     check_fps(fps, "fps")
-    scenes = [scene_of(item, transfer, None, settings, rest)[0] for item in items]
+    found = [scene_of(item, transfer, None, settings, rest) for item in items]
+    scenes, memory = [scene for scene, _ in found], found[0][1]
     timeline, fps = timeline_of(scenes[0], Timeline(**given), fps)
     scenes = [with_blur(scene, options.get("shutter")) for scene in scenes]
     scenes = [each for scene in scenes for each in ([scene] if scene.held is not None else volumes(scene, ()))]
-    animation = Animation.of(scenes, timeline, options.get("time"), bits, True)
-    frames, _ = write_animation(animation, str(output), by, DrawOptions(is_shared=True), fps, resume, True)
+    with within(memory):
+        animation = Animation.of(scenes, timeline, options.get("time"), bits, True)
+        frames, _ = write_animation(animation, str(output), by, DrawOptions(is_shared=True), fps, resume, True)
     return [frames.movie] if frames.movie else [frames.path(n) for n in animation.numbers]
 
 

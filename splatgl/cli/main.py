@@ -19,7 +19,7 @@ from typing import NamedTuple, NoReturn, TextIO
 from splatgl import __version__
 from splatgl.cli.parser import BAD_INPUT, HelpAll, Parser, one_line
 from splatgl.errors import NOT_NEEDED, InputError, expected
-from splatgl.fileio import set_budget
+from splatgl.fileio import within
 
 # exit code of a program that a signal ends, less the signal's number: 130 for Ctrl-C
 SIGNALLED = 128
@@ -149,8 +149,9 @@ def _run(arguments: list[str]) -> int:
         if rest:
             _refuse_rest(command, rest)
         _refuse_empty(args)
-        set_budget(getattr(args, "memory", None))
-        return int(args.run(args))
+        # a program that calls the command goes on with its own budget
+        with within(getattr(args, "memory", None)):
+            return int(args.run(args))
     except InputError as error:
         return _tell(error, command.with_flags(str(error), args) if command else str(error))
     except MemoryError as error:
@@ -158,9 +159,6 @@ def _run(arguments: list[str]) -> int:
     except KeyboardInterrupt as error:
         _tell(error, "interrupted")
         return SIGNALLED + (error.args[0] if error.args else signal.SIGINT)
-    finally:
-        # a program that calls the command goes on with its own budget
-        set_budget(None)
 
 
 def _tell(error: BaseException, message: str) -> int:

@@ -17,7 +17,7 @@ from splatgl.data.volume import Volume
 from splatgl.distributed.cluster import spread
 from splatgl.distributed.worker import Drawing, Subject, call, keep_latest, renderer
 from splatgl.errors import InputError, expected
-from splatgl.fileio import parse_bytes
+from splatgl.fileio import budget, call_within, parse_bytes
 from splatgl.readers import load
 from splatgl.splat.bricks import Bricks, Shell, required_bricks
 from splatgl.splat.camera import Camera
@@ -202,7 +202,7 @@ def draw_parts(
 
     from splatgl.distributed.cluster import addresses, outcome
 
-    started, submit = time.perf_counter(), partial(client.submit, call, pure=False)
+    started, submit = time.perf_counter(), partial(client.submit, call, call_within, job.memory, pure=False)
     futures = []
     try:
         futures.append(submit(_level, job, volume))
@@ -248,15 +248,13 @@ def _shells(job: Job, sent: Volume | None, count: int) -> tuple[str, list[Shell]
 
 def _part(job: Job, sent: Volume | None, shell: Shell) -> Part:
     """Draws a part of the picture, on a worker."""
-    from splatgl.fileio import budget
     from splatgl.splat.bricks import estimate_need
 
     bricks, chosen = _planned(job, sent)
     assert chosen.resolved.sheets is not None
-    most = budget() if job.memory is None else job.memory
-    bricks = bricks.limited(most)
+    most = budget()
+    bricks, bands = estimate_need(bricks, 4 * job.camera.size[0] * job.camera.size[1], most).fitted(bricks, most)
     some = bricks.within(chosen.resolved.sheets, chosen.view, shell)
-    bands = estimate_need(bricks, 4 * job.camera.size[0] * job.camera.size[1], most).bands(bricks, most)
     pixels = renderer(job.drawing).render_part(some, job.camera, job.settings, bands)
     return Part.of(pixels, sum(some.found.values()))
 

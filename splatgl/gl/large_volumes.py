@@ -16,10 +16,11 @@ import numpy as np
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume, zyx_index
-from splatgl.fileio import budget
+from splatgl.errors import expected
+from splatgl.fileio import PROCESS, budget, byte_count, format_bytes, held_within_budget, within
 from splatgl.gl.renderer import Renderer
 from splatgl.readers import load
-from splatgl.splat.bricks import Bricks, bricks_of, excess_need, spread_places
+from splatgl.splat.bricks import EACH, Bricks, bricks_of, excess_need, spread_places
 from splatgl.splat.camera import Camera
 from splatgl.splat.grid import Grid
 from splatgl.splat.motion import Moments, Motion
@@ -74,12 +75,18 @@ def choose_level(
 ) -> Level:
     """Chooses the coarsest level whose voxels are finer than a pixel everywhere [M98 Eq. 3], and whose error in boxes
     is at most that of the finest level with these settings, or the tolerance. Errors are to the finest level,
-    supersampled. renderer: an open one; None: opens one.
+    supersampled. renderer: an open one; None: opens one. Raises InputError if the memory budget holds no box.
     """
     finest = Level(0, single_level(volume, 0), {}, 0.0, 0)
     coarsest = coarsest_fine_level(volume, camera)
     if coarsest == 0:
         return finest
+    side, _ = _box_size(volume, coarsest)
+    held = held_within_budget(byte_count(volume.shape, volume.samples.dtype))
+    least = PROCESS + held + EACH * int(side.prod())
+    if least > (most := budget()):
+        this, fix = f"at least {format_bytes(least)} to choose a level", "give more --memory, or a --level"
+        raise expected("memory", this, format_bytes(most), fix)
     if renderer is None:
         with Renderer() as opened:
             return choose_level(volume, transfer, camera, settings, opened)
@@ -149,8 +156,7 @@ def changed_boxes(volume: Volume, coarsest: int, transfer: Transfer, camera: Cam
     over it; those whose flat picture differs most at the level `coarsest` come first.
     """
     size, level = np.array(volume.shape[::-1]), single_level(volume, coarsest)
-    step = np.maximum(np.rint(np.array(level.spacing) / volume.spacing).astype(np.int64), 1)
-    side = np.minimum(np.maximum(np.clip(COARSE_SIDE * step, *FINE_SIDES) // step, 1) * step, size)
+    side, step = _box_size(volume, coarsest)
     most = MOST_READ // (int(side.prod()) * volume.samples.dtype.itemsize)
     lows = _places(size, side, step, min(max(most, BOXES), PLACES))
     boxes = np.stack([lows, lows + side], axis=1)
@@ -160,6 +166,13 @@ def changed_boxes(volume: Volume, coarsest: int, transfer: Transfer, camera: Cam
         parts = volume.part(zyx_index(first), zyx_index(last)), _cut(level, *_ends(volume, first, last))
         changes.append(_change(*(flat_picture(part, transfer, blend, axis) for part in parts)))
     return boxes[np.argsort(changes, kind="stable")[::-1]]
+
+
+def _box_size(volume: Volume, coarsest: int) -> tuple[np.ndarray, np.ndarray]:
+    """int64 [3] (x, y, z): voxels along the sides of the boxes, and of the finest level in one of the coarsest."""
+    step = np.maximum(np.rint(np.array(volume.coarser[coarsest - 1].spacing) / volume.spacing).astype(np.int64), 1)
+    side = np.maximum(np.clip(COARSE_SIDE * step, *FINE_SIDES) // step, 1) * step
+    return np.minimum(side, volume.shape[::-1]), step
 
 
 def _places(size: np.ndarray, side: np.ndarray, step: np.ndarray, most: int) -> np.ndarray:
@@ -290,9 +303,8 @@ def render_slabs(
 ) -> Image:
     """Like `splatgl.distributed.render.render_slabs`, without workers. renderer: an open one; None: opens one."""
     settings = settings or Settings()
-    volume = source if isinstance(source, Volume) else load(source)
-    most = budget() if memory is None else memory
-    with nullcontext(renderer) if renderer else Renderer() as drawing:
+    with within(memory), nullcontext(renderer) if renderer else Renderer() as drawing:
+        volume, most = source if isinstance(source, Volume) else load(source), budget()
         level = choose_level(volume, transfer, camera, settings, drawing)
         bricks = bricks_of(level.volume, transfer, settings)
         need = excess_need(bricks, camera.size, most) if bricks else None
@@ -300,8 +312,8 @@ def render_slabs(
         if bricks is None or need is None:
             image = drawing.render(extract_for_settings(level.volume, transfer, settings), camera, settings)
             return Image(image.pixels, {**image.info, **info})
-        bricks = bricks.limited(most)
-        image = drawing.render_bricks(bricks, camera, settings, progress, bands=need.bands(bricks, most))
+        bricks, bands = need.fitted(bricks, most)
+        image = drawing.render_bricks(bricks, camera, settings, progress, bands=bands)
         return Image(image.pixels, {**info, **image.info})
 
 

@@ -16,12 +16,13 @@ from itertools import product
 from pathlib import Path
 from threading import Lock
 from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 
 from splatgl.data.arrays import Key, Transposed
 from splatgl.errors import InputError, expected
-from splatgl.fileio import ALWAYS, atomic_write, budget, byte_count, format_bytes, held_within_budget
+from splatgl.fileio import ALWAYS, PROCESS, atomic_write, budget, byte_count, format_bytes, held_within_budget
 from splatgl.readers.common import decoder_errors
 from splatgl.readers.remote import cache_folder
 
@@ -69,7 +70,6 @@ class Chunked:
         self.chunks = tuple(int(array.chunks[axis]) for axis in axes)
         self.dtype = np.dtype(array.dtype)
         self.cache: OrderedDict[tuple[int, ...], np.ndarray] = OrderedDict()
-        self.lock = Lock()
 
     @cached_property
     def extents(self) -> Extents | None:
@@ -94,7 +94,7 @@ class Chunked:
         begin, end = [min(step, default=0) for step in steps], [max(step, default=-1) + 1 for step in steps]
         result = np.empty([b - a for a, b in zip(begin, end, strict=True)], self.dtype)
         touched = [range(a // size, -(-b // size)) for a, b, size in zip(begin, end, self.chunks, strict=True)]
-        with self.lock:
+        with _LOCK:
             missing = [place for place in product(*touched) if place not in self.cache]
         self.files.ready(self._begin(place) for place in missing)
         for place in product(*touched):
@@ -115,7 +115,7 @@ class Chunked:
         return [next(free) if isinstance(at, slice) else at for at in self.index]
 
     def _chunk(self, place: tuple[int, ...], low: list[int], high: list[int]) -> np.ndarray:
-        with self.lock:
+        with _LOCK:
             if place in self.cache:
                 self.cache.move_to_end(place)
                 return self.cache[place]
@@ -131,25 +131,42 @@ class Chunked:
                 chunk = np.asarray(self.array[part]) if is_stored else np.broadcast_to(empty, size)
         except InputError as error:
             raise InputError(f"{self.name}: {error}") from error
-        with self.lock:
+        with _LOCK:
             if self.extents:
                 self.extents.add(place, chunk)
             if not is_stored:
                 return chunk
             self.cache[place] = chunk
-            most = max(held_within_budget(CACHE_BYTES) // max(byte_count(self.chunks, self.dtype), 1), 1)
-            while len(self.cache) > most:
-                self.cache.popitem(last=False)
+            _drop_oldest(self)
         return chunk
+
+
+# arrays with decoded chunks, and the lock of their caches
+_ARRAYS: WeakSet[Chunked] = WeakSet()
+_LOCK = Lock()
+
+
+def _drop_oldest(read: Chunked) -> None:
+    """Keeps the chunks of an array that was just read within CACHE_BYTES, and those of all arrays within their share of
+    the memory: those of others go first, and one stays.
+    """
+    _ARRAYS.add(read)
+    sizes = {each: len(each.cache) * byte_count(each.chunks, each.dtype) for each in (*_ARRAYS, read)}
+    share = held_within_budget(sum(sizes.values()))
+    for each in (*(other for other in sizes if other is not read), read):
+        one = byte_count(each.chunks, each.dtype)
+        while len(each.cache) > (each is read) and (sum(sizes.values()) > share or sizes[each] > CACHE_BYTES):
+            each.cache.popitem(last=False)
+            sizes[each] -= one
 
 
 def _check_fits(chunks: tuple[int, ...], dtype: np.dtype) -> None:
     """Raises InputError for chunks of which the memory budget cannot hold one while it is decoded."""
-    needed, most = COPIES * byte_count(chunks, dtype), budget()
-    if needed > max(most, ALWAYS):
+    copies, most = COPIES * byte_count(chunks, dtype), budget()
+    if copies > ALWAYS and (needed := PROCESS + copies) > most:
         got = f"{format_bytes(needed)} for one of {'×'.join(map(str, reversed(chunks)))}"
         fix = "give more --memory, or save the array in smaller chunks"
-        raise expected("chunks", f"at most {format_bytes(most)} to decode one", got, fix)
+        raise expected("chunks", f"one that is decoded in {format_bytes(most)} in all", got, fix)
 
 
 # state of a chunk's extremes: not known; known; no finite sample

@@ -13,7 +13,7 @@ from splatgl import __version__
 from splatgl.data.image import Image
 from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import expected
-from splatgl.fileio import parse_bytes
+from splatgl.fileio import parse_bytes, within
 from splatgl.options import by_fields, checked, is_number, keyword, keywords_of, names_of, refuse_unknown, with_keywords
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
@@ -135,8 +135,9 @@ def picture(x: Any, file: SceneFile, memory: int | None = None) -> Image:
         image = draw_subject(x, file.view.camera(x, x), with_background(file.settings, x.shaded), drawing)
         info = {"version": __version__, "source": x.name, **({} if file.view.dpi is None else {"dpi": file.view.dpi})}
         return replace(image, info={**image.info, **info})
-    scene = OpenScene.read(file)
-    return draw(scene, drawing)
+    with within(memory):
+        scene = OpenScene.read(file)
+        return draw(scene, drawing)
 
 
 def is_splats(x: Any) -> bool:

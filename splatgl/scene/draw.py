@@ -214,7 +214,7 @@ def draw(scene: OpenScene, how: DrawOptions) -> Image:
         drawn = _draw_in_bricks(level, how)
     else:
         how.check_supported("layers", "a picture of one volume", "layers" if scene.file.layers else "meshes")
-        scene.check_fits(how.memory)
+        scene.check_fits()
     if drawn is not None:
         image = drawn
     else:
@@ -263,17 +263,16 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
 
     file = scene.file
     bricks = None if file.threshold else bricks_of(scene.volume, scene.transfer, scene.settings)
-    most = budget() if how.memory is None else how.memory
+    most = budget()
     need = excess_need(bricks, file.view.size, most) if bricks is not None else None
     if bricks is None or need is None:
         return None
     fix = "give more --memory, or a part of the volume"
     how.check_supported("bricks", f"a picture that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
-    bricks = bricks.limited(most)
     with how.renderer() as renderer, progress_bar("brick", scene.is_quiet) as progress:
         # refuses what bricks cannot draw, before memory that is too little for it
         renderer.plan_bricks(bricks, scene.camera, scene.settings)
-        bands = need.bands(bricks, most)
+        bricks, bands = need.fitted(bricks, most)
         if not scene.is_quiet:
             reason = f"{need}, together more than {format_bytes(most)}"
             if need.bytes <= most:

@@ -183,11 +183,11 @@ class OpenScene:
             fix = "set the points to the values that matter, or take another mask"
             raise expected(self.file.volume, "voxels with an opacity that its masks keep", "none", fix)
 
-    def check_fits(self, memory: int | None = None) -> None:
-        """Raises InputError for a layer that only bricks could draw. memory: bytes; None: half of the free memory."""
+    def check_fits(self) -> None:
+        """Raises InputError for a layer that only bricks could draw within the memory budget."""
         from splatgl.splat.bricks import bricks_of, excess_need
 
-        most = budget() if memory is None else memory
+        most = budget()
         for layer in self.scene.shown:
             bricks = None if layer.threshold else bricks_of(layer.volume, layer.seen, self.file.settings)
             need = excess_need(bricks, self.file.view.size, most) if bricks else None

@@ -19,7 +19,8 @@ import numpy as np
 
 from splatgl.data.volume import Volume, zyx_index
 from splatgl.errors import expected
-from splatgl.fileio import budget, format_bytes
+from splatgl.fileio import PROCESS, budget, byte_count, format_bytes, held_within_budget
+from splatgl.readers.chunked import COPIES, Chunked
 from splatgl.readers.common import is_mapped
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import AROUND_EYE
@@ -87,12 +88,41 @@ class Bricks:
         low = np.stack(np.unravel_index(np.arange(count.prod()), count), axis=1) * side
         return cls(volume, post, low, np.minimum(low + side, size)).limited(budget())
 
-    def limited(self, memory: int) -> Bricks:
-        """The bricks, extracted by as many threads and drawn in as large batches as fit into about `memory` bytes."""
-        spare = max(memory - BRICKS - BATCHED * LEAST_BATCH, 0)
-        threads = min(1 + spare // 2 // THREAD, os.cpu_count() or 1)
-        most = (spare - THREAD * (threads - 1)) // 2 // BATCHED
-        return replace(self, threads=threads, batch=int(np.clip(most, LEAST_BATCH, BATCH)))
+    def limited(self, memory: int, parted: int = 0) -> Bricks:
+        """The bricks, extracted by as many threads and drawn in as large batches as fit into `memory` bytes beside
+        `parted` bytes, of which each band takes its part.
+        """
+        spare = max(memory - self.least(parted), 0)
+        each = THREAD + self.decoding
+        threads = min(1 + spare // 2 // each, os.cpu_count() or 1)
+        more = (spare - each * (threads - 1)) // 2 // BATCHED
+        return replace(self, threads=threads, batch=int(np.clip(LEAST_BATCH + more, LEAST_BATCH, BATCH)))
+
+    @property
+    def held(self) -> int:
+        """Bytes of samples in memory, or of decoded chunks."""
+        samples = self.volume.samples
+        if isinstance(samples, np.ndarray):
+            return 0 if is_mapped(samples) else samples.nbytes
+        return max(held_within_budget(byte_count(samples.shape, samples.dtype)), self.decoding)
+
+    @property
+    def decoding(self) -> int:
+        """Bytes that a thread takes to decode a chunk of the samples."""
+        samples = self.volume.samples
+        return COPIES * byte_count(samples.chunks, samples.dtype) if isinstance(samples, Chunked) else 0
+
+    @property
+    def fixed(self) -> int:
+        """Bytes of the process that draws a picture, beside the picture's own and those of splats that wait."""
+        return BRICKS + (THREAD + self.decoding) * (self.threads - 1) + BATCHED * self.batch + self.held
+
+    def least(self, parted: int) -> int:
+        """Bytes of the process that draws by one thread, in the smallest batches and most bands, which share `parted`
+        bytes.
+        """
+        least = replace(self, threads=1, batch=LEAST_BATCH)
+        return least.fixed + max(-(-parted // MOST_BANDS), min(parted, LEAST))
 
     @property
     def kernel(self) -> Kernel:
@@ -258,12 +288,12 @@ def _split_off(records: np.ndarray, base: np.ndarray, end: int) -> SheetRecords:
     return records[end:], base[end:]
 
 
-# peak bytes of extraction and drawing, measured from 0.5 to 10 million splats: per splat, and for OpenGL and numpy
-EACH, FIXED = 100, 300 << 20
-# bytes in bricks, beyond those of an empty run: programs, buffers and extraction by one thread; by each further thread,
-# with its bricks in advance; per splat of a batch; per splat that waits; least for splats that wait and samples; and
-# maximum number of bands
-BRICKS, THREAD, BATCHED, WAITING, LEAST, MOST_BANDS = 280 << 20, 120 << 20, 270, 64, 32 << 20, 16
+# peak bytes of a splat that is drawn with all others, beside those of the process, from 0 to 10 million splats
+EACH = 100
+# bytes in bricks: of the process, its programs, buffers and extraction by one thread; by each further thread, with its
+# bricks in advance; per splat of a batch; per splat that waits; least for splats that wait and samples; and maximum
+# number of bands
+BRICKS, THREAD, BATCHED, WAITING, LEAST, MOST_BANDS = 310 << 20, 120 << 20, 270, 64, 32 << 20, 16
 # bytes per sample of the picture: target, resolved and read-back copies, and open sheets
 SAMPLE = 160
 # boxes that are read for an estimate, voxels along their sides, and steps between them as shares of the volume's sides:
@@ -277,9 +307,8 @@ ERRORS, MISSED = 2.0, 3.0
 class Need:
     """Estimated memory of a picture. splats: estimated number; most: its upper limit, by the standard error.
 
-    bytes: peak to extract and draw `most` splats at once.
-    waiting: bytes of splats in bricks that wait to be drawn. samples: number of the picture's samples. held: bytes of
-    the volume's samples that are in memory.
+    bytes: peak to extract and draw `most` splats at once. waiting: bytes of splats in bricks that wait to be drawn.
+    samples: number of the picture's samples.
     """
 
     splats: int
@@ -287,7 +316,6 @@ class Need:
     bytes: int
     waiting: int
     samples: int
-    held: int = 0
 
     def __str__(self) -> str:
         """Number of splats, and the memory for them and for everything else."""
@@ -295,34 +323,28 @@ class Need:
         samples = format_bytes(self.bytes - EACH * self.most)
         return f"{count} take {format_bytes(EACH * self.most)}, samples and pixels {samples}"
 
-    def bands(self, bricks: Bricks, memory: int) -> int:
-        """Number of bands of rows into which a picture in bricks is split to fit into about `memory` bytes. Raises
-        InputError if it takes more in any number of them.
+    def fitted(self, bricks: Bricks, memory: int) -> tuple[Bricks, int]:
+        """The bricks and the number of bands of rows with which the process takes up to `memory` bytes. Raises
+        InputError if it takes more with any.
         """
-        least = self.least(bricks)
+        least = bricks.least(self.parted)
         if least > memory:
-            this = f"at least {format_bytes(least)} for this picture"
-            raise expected("memory", this, format_bytes(memory), "give more --memory, or a coarser --level")
-        room = max(memory - self._fixed(bricks), LEAST)
-        return int(np.clip(-(-self._parted // room), 1, MOST_BANDS))
-
-    def least(self, bricks: Bricks) -> int:
-        """Bytes of a picture in bricks, in as many bands as there may be, beyond those of an empty run."""
-        return self._fixed(bricks) + max(-(-self._parted // MOST_BANDS), min(self._parted, LEAST))
-
-    def _fixed(self, bricks: Bricks) -> int:
-        return BRICKS + THREAD * (bricks.threads - 1) + BATCHED * bricks.batch + self.held
+            this, fix = f"at least {format_bytes(least)} for this picture", "a smaller --size or a coarser --level"
+            raise expected("memory", this, format_bytes(memory), f"give more --memory, {fix}")
+        bricks = bricks.limited(memory, self.parted)
+        room = max(memory - bricks.fixed, LEAST)
+        return bricks, int(np.clip(-(-self.parted // room), 1, MOST_BANDS))
 
     @property
-    def _parted(self) -> int:
-        """Bytes that bands share."""
+    def parted(self) -> int:
+        """Bytes of the samples and of splats that wait, which bands share."""
         return self.waiting + SAMPLE * self.samples
 
 
 def needed_together(needs: Sequence[Need]) -> Need:
     """The memory of a picture of several channels, which share its samples and all that one volume needs beside."""
-    shared = (len(needs) - 1) * (FIXED + SAMPLE * needs[0].samples)
-    totals = {name: sum(getattr(need, name) for need in needs) for name in ("splats", "most", "waiting", "held")}
+    shared = (len(needs) - 1) * (PROCESS + SAMPLE * needs[0].samples)
+    totals = {name: sum(getattr(need, name) for need in needs) for name in ("splats", "most", "waiting")}
     return Need(bytes=sum(need.bytes for need in needs) - shared, samples=needs[0].samples, **totals)
 
 
@@ -334,12 +356,11 @@ def estimate_need(bricks: Bricks, pixels: int, enough: int) -> Need:
     volume = bricks.volume
     mapped = isinstance(volume.samples, np.ndarray) and is_mapped(volume.samples)
     there = 0 if mapped else volume.count * volume.samples.dtype.itemsize
-    held = there if isinstance(volume.samples, np.ndarray) else 0
-    other = FIXED + SAMPLE * pixels + there
+    other = PROCESS + SAMPLE * pixels + there
     size = np.array(volume.shape[::-1])
     # a layer across the volume, as thick as a brick's diagonal, of which half is drawn on average
     layer = int(np.sort(size)[1:].prod() * min(SIDE, int(size.min())))
-    all_splats = Need(volume.count, volume.count, other + EACH * volume.count, WAITING * layer, pixels, held)
+    all_splats = Need(volume.count, volume.count, other + EACH * volume.count, WAITING * layer, pixels)
     if all_splats.bytes <= enough and volume.count <= MOST_KEPT:
         return all_splats
     # boxes that hold more voxels than the volume give way to it
@@ -354,7 +375,7 @@ def estimate_need(bricks: Bricks, pixels: int, enough: int) -> Need:
     # if no box holds a splat, as many as all boxes miss with a probability of 1/20
     most = min(max(share + ERRORS * float(shares.std()) / np.sqrt(count), MISSED / float(voxels.sum())), 1.0)
     splats, many = (int(np.ceil(part * volume.count)) for part in (share, most))
-    return Need(splats, many, other + EACH * many, int(WAITING * share * layer), pixels, held)
+    return Need(splats, many, other + EACH * many, int(WAITING * share * layer), pixels)
 
 
 def spread_places(most: np.ndarray, count: int) -> np.ndarray:
@@ -382,11 +403,7 @@ def required_bricks(volume: Volume, transfer: Transfer, settings: Settings) -> B
 
 
 def excess_need(bricks: Bricks, size: tuple[int, int], memory: int) -> Need | None:
-    """Memory needed by a picture of `size` (width, height); None if all splats fit into `memory` bytes and the GPU.
-    Raises InputError for no bytes.
-    """
-    if memory <= 0:
-        raise expected("memory", "a positive number of bytes", memory)
+    """Memory needed by a picture of `size` (width, height); None if all splats fit into `memory` bytes and the GPU."""
     # samples are at most 2 × 2 where voxels are not narrower than pixels
     wanted = estimate_need(bricks, 4 * size[0] * size[1], memory)
     return None if wanted.bytes <= memory and wanted.most <= MOST_KEPT else wanted

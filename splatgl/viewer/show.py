@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.data.image import Image
 from splatgl.errors import InputError
+from splatgl.fileio import within
 from splatgl.options import with_keywords
 from splatgl.platforms import has_display
 from splatgl.scene.api import KEYWORDS, is_splats, picture, scene_of
@@ -59,7 +60,8 @@ def show(
             print('for a view that the mouse turns: pip install "splatgl[notebook]"')
         return picture(x, scene, memory)
     if not is_splats(x) and has_display():
-        _window(scene, "size" in options or camera is not None)
+        with within(memory):
+            _window(scene, "size" in options or camera is not None)
         return None
     image = picture(x, scene, memory)
     print('no display: save the picture by image.save("picture.png")')

@@ -6,7 +6,8 @@ import os
 
 import pytest
 
-from splatgl.splat.bricks import Need
+from splatgl.gl import large_volumes
+from splatgl.splat.bricks import Bricks
 
 
 def resident_mebibytes() -> float:
@@ -19,5 +20,6 @@ def resident_mebibytes() -> float:
 
 
 def allow_any_memory(patch: pytest.MonkeyPatch) -> None:
-    """Lets pictures in bricks take more than their budget, so that small volumes are drawn in bricks."""
-    patch.setattr(Need, "least", lambda *_: 0)
+    """Lets pictures in bricks, and choices of a level, take more than their budget, so that small ones are tested."""
+    patch.setattr(Bricks, "least", lambda *_: 0)
+    patch.setattr(large_volumes, "PROCESS", -(2**60))

@@ -13,7 +13,7 @@ from splatgl import reference
 from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Label
-from splatgl.fileio import set_budget
+from splatgl.fileio import within
 from splatgl.scene.scene_file import SceneFile
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
@@ -260,9 +260,5 @@ def test_commands(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_memory_that_is_too_small_is_told() -> None:
-    set_budget(1000)
-    try:
-        with pytest.raises(sg.InputError, match="surfaces of seg: expected a segmentation that needs up to 1000"):
-            sg.surfaces(of(halves()))
-    finally:
-        set_budget(None)
+    with within(1000), pytest.raises(sg.InputError, match="surfaces of seg: expected a segmentation that needs up to"):
+        sg.surfaces(of(halves()))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -332,9 +334,10 @@ def test_estimates(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) ->
     found = bricking.estimate_need(bricks, 100, 0)
     assert abs(found.splats - kept) < kept / 3 and found.bytes > bricking.EACH * found.most
     assert found.splats <= found.most <= volume.count
-    assert found.bands(bricks, 2**40) == 1 and found.bands(bricks, 1) >= 1
+    assert found.fitted(bricks, 2**40)[1] == 1 and found.fitted(bricks, 1)[1] >= 1
     many = bricking.Need(10**9, 10**9, 10**12, 2**32, 2**20)
-    assert 1 < many.bands(bricks, 2**31) < many.bands(bricks, 2**30) < many.bands(bricks, 1) == bricking.MOST_BANDS
+    few, more, most = (many.fitted(bricks, memory)[1] for memory in (2**31, 2**30, 1))
+    assert 1 < few < more < most == bricking.MOST_BANDS
     monkeypatch.setattr(Bricks, "records", lambda *_: pytest.fail("read"))
     assert bricking.estimate_need(bricks, 100, 2**40).splats == volume.count
     assert 0 < fileio.budget() < 2**50
@@ -348,52 +351,81 @@ def test_less_memory_means_fewer_threads_smaller_batches_or_a_refusal(
     monkeypatch.setattr(os, "cpu_count", lambda: 8)
     bricks = in_bricks(sg.Volume(noise(rng, (9, 9, 9))), RAMP, ALL)
     need = bricking.estimate_need(bricks, 2**20, 0)
-    assert need.held == 9**3 * bricks.volume.samples.dtype.itemsize
-    small, middle, large = (bricks.limited(memory << 20) for memory in (100, 1024, 8192))
-    assert (small.threads, small.batch) == (1, bricking.LEAST_BATCH) and (large.threads, large.batch) == (8, 2**19)
+    assert bricks.held == bricks.volume.samples.nbytes
+    (small, most), (middle, few), (large, one) = (need.fitted(bricks, memory << 20) for memory in (400, 1024, 8192))
+    assert small.threads == 1 and (large.threads, large.batch) == (8, 2**19)
     assert 1 < middle.threads < 8 and small.batch < middle.batch <= large.batch
-    assert need.bands(large, 8192 << 20) == 1 and need.bands(middle, 1024 << 20) == 1
-    least = need.least(small)
-    assert need.bands(small, least) > 1
-    fix = "give more --memory, or a coarser --level"
+    assert most > few >= one == 1
+    for memory in (400 << 20, 1024 << 20):
+        assert need.fitted(bricks, memory)[0].fixed + need.parted // need.fitted(bricks, memory)[1] <= memory
     with pytest.raises(
-        sg.InputError, match=rf"^memory: expected at least .* MiB for this picture, got 100\.0 MiB; {fix}"
+        sg.InputError, match=r"^memory: expected at least .* MiB for this picture, got 100\.0 MiB; give"
     ):
-        need.bands(small, 100 << 20)
+        need.fitted(bricks, 100 << 20)
+    # the least suffices, and samples in memory count
+    least = bricks.least(need.parted)
+    assert need.fitted(bricks, least)[0].batch == bricking.LEAST_BATCH
     with pytest.raises(sg.InputError, match=r"^memory: expected at least "):
-        need.bands(small, least - 1)
-    held = replace(need, held=500 << 20)
-    assert held.least(small) == least + held.held - need.held
-
-
-# prints the peak of a process that opens a context, MiB, without and with drawing
-PEAK = """
-import re, sys
-import splatgl as sg
-from splatgl.cli.main import main
-peak = lambda: int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]) / 1024
-import splatgl.cli.render, zarr
-with sg.Renderer():
-    empty = peak()
-assert main(["render", *sys.argv[1:]]) == 0
-print(peak() - empty)
-"""
+        need.fitted(bricks, least - 1)
+    more = in_bricks(sg.Volume(noise(rng, (90, 9, 9))), RAMP, ALL)
+    assert more.least(need.parted) - least == more.held - bricks.held > 0
 
 
 @pytest.mark.long
-@pytest.mark.skipif(sys.platform != "linux", reason="peaks are read from /proc")
-def test_a_picture_in_bricks_keeps_its_memory(tmp_path: Path, rng: np.random.Generator) -> None:
-    """A process that draws a chunked volume of 128³ in a small budget takes no more beyond an empty run."""
-    zarr = pytest.importorskip("zarr", reason="zarr is in the extra readers")
-    wave = np.sin(np.arange(128) / 4)
-    samples = (wave[:, None, None] + wave[:, None] + wave + 3) * 40
-    store = zarr.create_array(tmp_path / "waves.zarr", shape=samples.shape, chunks=(64,) * 3, dtype="uint8")
-    store[:] = samples.astype(np.uint8)
-    command = [sys.executable, "-c", PEAK, str(tmp_path / "waves.zarr"), "--memory", "384MiB", "--size", "128"]
-    command += ["--points", "120:0,200:0.5", "-o", str(tmp_path / "a.png")]
-    run = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert "bricks, nearest first" in run.stdout and "memory:" not in run.stderr
-    assert 0 < float(run.stdout.splitlines()[-1]) < 384
+@pytest.mark.skipif(sys.platform != "linux", reason="peaks are in KiB there")
+@pytest.mark.parametrize(
+    ("dtype", "chunk", "size", "memory"),
+    [
+        (np.uint8, 64, 32, 400),
+        (np.float32, 64, 32, 400),
+        (np.float32, 64, 128, 400),
+        (np.uint8, 64, 512, 512),
+        (np.uint8, 160, 64, 420),
+        (np.uint8, 64, 32, 256),
+        (np.float32, 160, 128, 256),
+    ],
+)
+def test_the_command_keeps_its_memory(tmp_path: Path, dtype: type, chunk: int, size: int, memory: int) -> None:
+    """At every size of the picture the process takes no more than `--memory`, or ends with a line that says how much
+    suffices, and then it does.
+    """
+    store = pyramid(tmp_path / "waves.zarr", dtype, chunk)
+    command = [sys.executable, "-m", "splatgl", "render", str(store), "--size", str(size), "--check", "0"]
+    peak = partial(peak_of, tmp_path, [*command, "-o", str(tmp_path / "a.npy"), "--memory"])
+    code, taken, told = peak(memory)
+    assert taken < memory
+    if code:
+        assert code == 2 and told.count("\n") == 1 and not (tmp_path / "a.npy").exists()
+        least = re.match(r"splatgl: --memory: expected at least ([0-9.]+) MiB ", told)
+        assert least, told
+        # a choice of the level may come before the picture
+        code, taken, told = peak(math.ceil(float(least[1]) + 150))
+        assert code == 0 and taken < float(least[1]) + 150
+
+
+def peak_of(folder: Path, command: list[str], memory: int) -> tuple[int, float, str]:
+    """Exit code of a command within `memory` MiB, its peak, MiB, and what it prints on standard error."""
+    with (folder / "told.txt").open("w+") as told:
+        process = subprocess.Popen([*command, f"{memory}MiB"], stdout=subprocess.DEVNULL, stderr=told)
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        told.seek(0)
+        return process.returncode, used.ru_maxrss / 1024, told.read()
+
+
+def pyramid(path: Path, dtype: type, chunk: int, side: int = 160) -> Path:
+    """Writes waves of side³ and coarser levels as OME-Zarr; returns the path."""
+    zarr = pytest.importorskip("zarr", reason="writes the store; it is in the extra readers")
+    wave = np.sin(np.arange(side) / 4)
+    samples = ((wave[:, None, None] + wave[:, None] + wave + 3) * 40).astype(dtype)
+    group, levels = zarr.open_group(path, mode="w", zarr_format=2), []
+    for n in range(3):
+        part = samples[:: 2**n, :: 2**n, :: 2**n]
+        group.create_array(str(n), data=part, chunks=(min(chunk, len(part)),) * 3)
+        levels.append({"path": str(n), "coordinateTransformations": [{"type": "scale", "scale": [2.0**n] * 3}]})
+    axes = [{"name": name, "type": "space"} for name in "zyx"]
+    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": levels}]
+    return path
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
