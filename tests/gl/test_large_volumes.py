@@ -10,6 +10,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
+from splatgl.fileio import within
 from splatgl.gl import large_volumes
 from splatgl.gl.large_volumes import changed_boxes, choose_level, coarsest_fine_level, flat_picture, render_slabs
 from splatgl.readers.chunked import Chunked
@@ -55,6 +56,17 @@ def test_smooth_volumes_take_a_coarser_level(smooth: sg.Volume, renderer: sg.Ren
     settings = Settings(antialias="supersample", samples=8)
     right = renderer.render(sg.extract(smooth, SOFT), camera, settings, verify_bound=False)
     assert np.sqrt(((image.pixels - right.pixels) ** 2).mean()) < 0.01 < right.pixels.max()
+
+
+def test_a_budget_too_small_to_choose_a_level_is_told(smooth: sg.Volume) -> None:
+    """Before a box is drawn; a level that is named needs no choice."""
+    camera, told = sg.Camera.orbit(smooth, 20, 10, size=(16, 16)), r"^memory: expected at least .* to choose a level"
+    with within(192 << 20), pytest.raises(sg.InputError, match=told + r", got 192\.0 MiB; give more --memory, or a"):
+        choose_level(smooth, SOFT, camera, Settings())
+    with pytest.raises(sg.InputError, match=told):
+        sg.render_slabs(smooth, SOFT, camera, memory="192MiB")
+    with within(192 << 20):
+        assert choose_level(replace(smooth, coarser=()), SOFT, camera, Settings()).number == 0
 
 
 @pytest.mark.parametrize("opacity", [pytest.param(0.9, marks=pytest.mark.long), 0.3])

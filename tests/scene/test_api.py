@@ -6,6 +6,7 @@ import io
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from threading import Thread, current_thread, main_thread
 from typing import Any
@@ -15,6 +16,8 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
+from splatgl import fileio
+from splatgl.animation.animation import Animation
 from splatgl.cli.main import main
 from splatgl.platforms import has_display
 from splatgl.scene import shared_renderer
@@ -23,6 +26,7 @@ from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.opaque_bounds import Opaque
+from splatgl.viewer import show
 from splatgl.viewer.show import in_notebook
 from tests.helpers.memory import allow_any_memory
 
@@ -35,6 +39,27 @@ def volume() -> sg.Volume:
     z, y, x = np.indices((24, 28, 32)) - 14.0
     near = np.exp(-((x - 4) ** 2 + y**2 + z**2) / 30) + 0.5 * np.exp(-((x + 8) ** 2 + (y - 5) ** 2 + z**2) / 12)
     return sg.Volume((near * 200).astype(np.uint8), spacing=(1, 1, 1.5), name="balls")
+
+
+def test_memory_is_the_budget_of_all_that_a_call_does(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While it reads and draws; afterwards the process has its own again."""
+    found: list[int] = []
+
+    def draw(*_: Any) -> None:
+        found.append(fileio.budget())
+        raise sg.InputError("seen")
+
+    monkeypatch.setattr(OpenScene, "read", draw)
+    monkeypatch.setattr(Animation, "of", draw)
+    monkeypatch.setattr(show, "in_notebook", lambda: False)
+    monkeypatch.setattr(show, "has_display", lambda: True)
+    monkeypatch.setattr(show, "_window", draw)
+    for call in (sg.render, sg.show, partial(sg.animate, output="a.png", frames=2)):
+        with fileio.within(3 << 30), pytest.raises(sg.InputError, match=r"^seen$"):
+            call(volume, memory="2GiB")
+        with pytest.raises(sg.InputError, match=r"^memory: expected a positive number of bytes, got 0"):
+            call(volume, memory=0)
+    assert found == [2 << 30] * 3 and fileio.budget() != 2 << 30
 
 
 @pytest.mark.few(1)
