@@ -293,7 +293,7 @@ EACH = 100
 # bytes in bricks: of the process, its programs, buffers and extraction by one thread; by each further thread, with its
 # bricks in advance; per splat of a batch; per splat that waits; least for splats that wait and samples; and maximum
 # number of bands
-BRICKS, THREAD, BATCHED, WAITING, LEAST, MOST_BANDS = 310 << 20, 120 << 20, 270, 64, 32 << 20, 16
+BRICKS, THREAD, BATCHED, WAITING, LEAST, MOST_BANDS = 350 << 20, 120 << 20, 270, 64, 32 << 20, 16
 # bytes per sample of the picture: target, resolved and read-back copies, and open sheets
 SAMPLE = 160
 # boxes that are read for an estimate, voxels along their sides, and steps between them as shares of the volume's sides:

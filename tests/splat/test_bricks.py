@@ -417,7 +417,7 @@ def pyramid(path: Path, dtype: type, chunk: int, side: int = 160) -> Path:
     """Writes waves of side³ and coarser levels as OME-Zarr; returns the path."""
     zarr = pytest.importorskip("zarr", reason="writes the store; it is in the extra readers")
     wave = np.sin(np.arange(side) / 4)
-    samples = ((wave[:, None, None] + wave[:, None] + wave + 3) * 40).astype(dtype)
+    samples: np.ndarray = ((wave[:, None, None] + wave[:, None] + wave + 3) * 40).astype(dtype)
     group, levels = zarr.open_group(path, mode="w", zarr_format=2), []
     for n in range(3):
         part = samples[:: 2**n, :: 2**n, :: 2**n]
