@@ -398,7 +398,8 @@ def test_an_empty_first_step_does_not_choose_the_look_of_a_series(
     assert np.abs(pixels("p1.npy") - pixels("one.npy")).max() < 1e-6 and pixels("p1.npy").any()
     # the same in Python, of volumes in memory
     held = [np.load(f"s{n}.npy") for n in range(3)]
-    found = sg.animate(held, "h{frame}.npy", eye=(30, -20, 12), look_at=(6.5, 6.5, 6.5), size=24, background="transparent")
+    seen = {"eye": (30, -20, 12), "look_at": (6.5, 6.5, 6.5), "size": 24, "background": "transparent"}
+    found = sg.animate(held, "h{frame}.npy", **seen)
     assert all((pixels(path) == frame).all() for path, frame in zip(found, frames, strict=True))
 
 
