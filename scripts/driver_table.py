@@ -304,9 +304,11 @@ def compare(folders: Sequence[Path]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     commands = parser.add_subparsers(dest="command", required=True)
-    drawing, comparing = commands.add_parser("draw"), commands.add_parser("compare")
+    drawing, comparing = (commands.add_parser(name, allow_abbrev=False) for name in ("draw", "compare"))
     drawing.add_argument("folder", type=Path)
     drawing.add_argument("names", nargs="*", metavar="NAME")
     drawing.add_argument("--size", type=int, default=128)

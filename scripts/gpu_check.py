@@ -359,7 +359,7 @@ def slowdown(frames: list[Frame]) -> dict[str, float]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Exit code: 0 if all checks pass, 1 if not, 2 without a graphics card or an output file."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=(__doc__ or "").split("\n")[0])
     parser.add_argument("-o", "--output", default="gpu_check.json", metavar="FILE", help="JSON (gpu_check.json)")
     parser.add_argument("--short", action="store_true", help="small pictures, no tests: seconds")
     parser.add_argument("--software", action="store_true", help="also if only software OpenGL is there")

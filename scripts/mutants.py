@@ -150,7 +150,9 @@ def _spent() -> float:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("names", nargs="*", metavar="NAME", help="parts of the names of files or tests")
     parser.add_argument("--turn", action="store_true", help="every twelfth, starting with another one each day")
     parser.add_argument("--list", action="store_true", help="list them")

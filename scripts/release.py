@@ -183,7 +183,9 @@ def quick_tests() -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--rehearsal", action="store_true", help="take any version and uncommitted files, few tests")
     parser.add_argument(
         "--address", default="", metavar="URL", help="of the repository's files, for links in the README"

@@ -343,7 +343,9 @@ def programs(shape: Shape, most: int = 2) -> list[tuple[Text, ...]]:
 
 def main(arguments: list[str]) -> int:
     """Writes all texts into a folder."""
-    parser = argparse.ArgumentParser(prog="scripts/shader_texts", description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, prog="scripts/shader_texts", description=(__doc__ or "").splitlines()[0]
+    )
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("--shape", choices=SHAPES, default="processor", help="of compute shaders (default processor)")
     options = parser.parse_args(arguments)

@@ -418,6 +418,10 @@ MEANINGS = {
 }
 
 
+# most names that are suggested for an abbreviation
+MOST_BEGUN = 3
+
+
 def nearest(word: str, known: Iterable[str]) -> str:
     """`did you mean …?` by meaning, else by spelling; "" if no known word is near."""
     names = {name.strip("-").replace("_", "-"): name for name in known}
@@ -427,8 +431,10 @@ def nearest(word: str, known: Iterable[str]) -> str:
         if name in names:
             form = f"{names[name]} {value}" if names[name].startswith("-") else f"{names[name]}={value!r}"
             return f"did you mean {form if value else names[name]}?"
-    similar = [] if meant else get_close_matches(plain, names, 1, SIMILAR)
-    return f"did you mean {names[similar[0]]}?" if similar else ""
+    # abbreviations before misspellings
+    begun = [name for name in names if len(plain) > 1 and name.startswith(plain)]
+    similar = [] if meant else begun or get_close_matches(plain, names, 1, SIMILAR)
+    return f"did you mean {' or '.join(names[name] for name in similar[:MOST_BEGUN])}?" if similar else ""
 
 
 def read_pairs(text: str) -> tuple[tuple[float, float], ...]:

@@ -158,7 +158,9 @@ def picture(renderer: sg.Renderer, path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--data", type=Path, default=os.environ.get("SPLATGL_DATA"), help="folder of real volumes")
     parser.add_argument("--csv", type=Path, help="also write the rows here")
     parser.add_argument("--picture", type=Path, help="draw what each form shows, instead of measuring")

@@ -108,7 +108,9 @@ def commands(node: Path | None) -> Iterator[tuple[str, Sequence[str]]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--node", type=Path, help="folder where npm installed its tools")
     parser.add_argument("--pairs", type=int, default=100, help="pairs of a folder (100)")
     parser.add_argument("--rounds", type=int, default=3, help="times each tool runs (3)")

@@ -265,7 +265,9 @@ def all_curves(rounds: int) -> Iterator[Row]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--data", type=Path, default=os.environ.get("SPLATGL_DATA"), help="folder of real volumes")
     parser.add_argument("--rounds", type=int, default=7, help="times each way is measured (7)")
     parser.add_argument("--only", default="", metavar="WORD", help="scenes whose name has this word")

@@ -128,7 +128,9 @@ def figure(rows: Sequence[Row], side: int, size: int, renderer: str) -> bytes:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--sides", type=int, nargs="+", default=[64, 128, 256, 512], help="voxels along a side")
     parser.add_argument("--sizes", type=int, nargs="+", default=[128, 256, 512, 1024], help="pixels along a side")
     parser.add_argument("--kinds", nargs="+", choices=list(OPACITIES), default=list(OPACITIES))

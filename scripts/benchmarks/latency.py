@@ -306,7 +306,9 @@ def busy(count: int) -> Iterator[None]:
 
 def main() -> None:
     """Prints the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("files", nargs="*", default=["nerve", "terrain", "tunnel"])
     parser.add_argument("--size", type=Kind.picture_size().parse, default=(1024, 768))
     parser.add_argument("--times", type=int, default=20, help="of each key, click and move; 0: opens only (20)")

@@ -53,7 +53,9 @@ class Ticks:
 
 def main() -> None:
     """Prints the times of a file."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("file")
     parser.add_argument("--canvas", default="666x800", help="size of napari's canvas in pixels")
     arguments = parser.parse_args()

@@ -132,7 +132,9 @@ def measure(data: Path | None, rounds: int) -> Iterator[Row]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--data", type=Path, default=os.environ.get("SPLATGL_DATA"), help="folder of real volumes")
     parser.add_argument("--rounds", type=int, default=5, help="times each stage is measured (5)")
     parser.add_argument("--csv", type=Path, help="also write the rows here")

@@ -252,7 +252,9 @@ def measure(data: Path, rounds: int, size: int, has_more: bool, folder: Path) ->
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--data", type=Path, default=os.environ.get("SPLATGL_DATA"), help="folder of real volumes")
     parser.add_argument("--rounds", type=int, default=5, help="times each command is measured (5)")
     parser.add_argument("--size", type=int, default=512, help="pixels of the picture's side (512)")

@@ -111,7 +111,9 @@ def changed(viewer: Viewer, base: Transfer) -> None:
 
 def main() -> None:
     """Prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("files", nargs="*", default=["nerve", "terrain", "tunnel"])
     parser.add_argument("--size", type=Kind.picture_size().parse, default=(1024, 768))
     parser.add_argument("--seconds", type=float, default=4.0)

@@ -68,7 +68,9 @@ def dragged(viewer: Viewer, level: int, moves: int, profile: int) -> str:
 
 def main() -> None:
     """Prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("files", nargs="*", default=["nerve", "terrain", "tunnel"])
     parser.add_argument("--size", type=Kind.picture_size().parse, default=(1024, 768))
     parser.add_argument("--moves", type=int, default=40)

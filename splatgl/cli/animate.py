@@ -6,8 +6,16 @@ import argparse
 
 from splatgl.animation.animation import Animation, Timeline
 from splatgl.animation.api import FPS, SHORTEST, check_fps, timeline_of, with_blur, write_animation
-from splatgl.animation.movie import volumes
-from splatgl.cli.options import add_drawing, add_options, add_source, group_of, record_of, scene_from
+from splatgl.animation.movie import expanded, volumes
+from splatgl.cli.options import (
+    add_drawing,
+    add_options,
+    add_source,
+    group_of,
+    record_of,
+    require_sources,
+    scene_from,
+)
 from splatgl.options import Group
 from splatgl.scene.draw import DrawOptions, WorkerOptions
 from splatgl.splat.settings import Settings
@@ -43,6 +51,7 @@ def run(args: argparse.Namespace) -> int:
     check_fps(args.fps, "--fps")
     scene = scene_from(args)
     timeline, fps = timeline_of(scene, timeline, args.fps)
+    require_sources(expanded(args.more))
     scenes = volumes(with_blur(scene, args.shutter), args.more)
     animation = Animation.of(scenes, timeline, args.time, args.bits, args.quiet)
     how = record_of(args, DrawOptions)

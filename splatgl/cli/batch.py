@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.animation.movie import expanded
-from splatgl.cli.options import name_of, record_of, scene_from
+from splatgl.cli.options import name_of, record_of, require_sources, scene_from
 from splatgl.cli.output import check_outputs, report
 from splatgl.cli.parser import BAD_INPUT, one_line
 from splatgl.errors import USER_ERRORS, InputError, error_text, expected
@@ -101,6 +101,7 @@ def jobs_of(args: argparse.Namespace) -> list[argparse.Namespace]:
     template = args.output or "{name}.png"
     outputs = [_output(template, source, number) for number, source in enumerate(sources)]
     if len(sources) > 1 and "{" not in template:
+        require_sources(sources)
         raise expected("-o", "a name for each source, such as 'out/{name}.png'", template)
     first: dict[str, str] = {}
     for source, output in zip(sources, outputs, strict=True):

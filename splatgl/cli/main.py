@@ -14,10 +14,11 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from importlib import import_module
+from itertools import takewhile
 from typing import NamedTuple, NoReturn, TextIO
 
 from splatgl import __version__
-from splatgl.cli.parser import BAD_INPUT, HelpAll, Parser, one_line
+from splatgl.cli.parser import BAD_INPUT, NEGATIVE, HelpAll, Parser, one_line
 from splatgl.errors import NOT_NEEDED, InputError, expected
 from splatgl.fileio import within
 
@@ -144,9 +145,11 @@ def _run(arguments: list[str]) -> int:
     try:
         arguments = _with_command(arguments)
         parser = _parser(arguments)
+        command = _command_of(parser, *arguments[:1])
+        if command is not None:
+            _refuse_unknown(command, arguments[1:])
         args, rest = parser.parse_known_args(arguments)
-        command = _command_of(parser, arguments[0])
-        if rest:
+        if command is not None and rest:
             _refuse_rest(command, rest)
         _refuse_empty(args)
         # a program that calls the command goes on with its own budget
@@ -173,8 +176,10 @@ def _with_command(arguments: list[str]) -> list[str]:
     if not arguments or arguments[0] in COMMANDS:
         return arguments
     if arguments[0].startswith("-"):
-        if not any(known.startswith(arguments[0]) for known in ("--help", "--version", "-h")):
-            Parser(prog="splatgl").error(f"expected a command or a file first, got {arguments[0]}")
+        known = ("--help", "--version", "-h")
+        if arguments[0] not in known:
+            near = _nearest(arguments[0], known)
+            Parser(prog="splatgl").error(f"expected a command or a file first, got {arguments[0]}{near}")
         return arguments
     from splatgl.data.scenes import SCENES
     from splatgl.platforms import has_display
@@ -199,21 +204,30 @@ def _nearest(word: str, known: Iterable[str]) -> str:
     return f" ({near})" if near else ""
 
 
-def _command_of(parser: argparse.ArgumentParser, name: str) -> Parser:
+def _command_of(parser: argparse.ArgumentParser, name: str = "") -> Parser | None:
     (commands,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
-    command: Parser = commands.choices[name]
+    command: Parser | None = commands.choices.get(name)
     return command
 
 
+def _refuse_unknown(command: argparse.ArgumentParser, words: Sequence[str]) -> None:
+    """Exits with the first unknown option, before argparse asks for operands and required options."""
+    known = command._option_string_actions
+    for word in takewhile(lambda word: word != "--", words):
+        is_flag = len(word) > 1 and word[0] == "-" and " " not in word and not NEGATIVE.match(word)
+        if is_flag and (word.partition("=")[0] if word[1] == "-" else word[:2]) not in known:
+            command.error(f"unknown option {word}{_nearest(word, known)}")
+
+
 def _refuse_rest(command: argparse.ArgumentParser, rest: list[str]) -> NoReturn:
-    """Exits with the first unknown option, else with the surplus operands."""
-    flag = next((word for word in rest if word.startswith("-")), None)
-    if flag is not None:
-        command.error(f"unknown option {flag}{_nearest(flag, command._option_string_actions)}")
+    """Exits with the surplus operands."""
     name = command.prog.split()[-1]
     series = "; splatgl render draws several, splatgl animate a series" if name == "view" else ""
     operands = COMMANDS[name].operands
-    command.error(f"expected {operands or 'no more'}, got also {' '.join(rest)}{series}")
+    from splatgl.cli.options import preset_advice
+
+    preset = f" ({near})" if "--preset" in command._option_string_actions and (near := preset_advice(rest[0])) else ""
+    command.error(f"expected {operands or 'no more'}, got also {' '.join(rest)}{preset or series}")
 
 
 def _refuse_empty(args: argparse.Namespace) -> None:

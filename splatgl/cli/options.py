@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from dataclasses import fields, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.animation.movie import is_pattern
-from splatgl.errors import expected
+from splatgl.data.scenes import SCENES
+from splatgl.errors import SIMILAR, expected
 from splatgl.options import Group, Option, declared, names_of
 from splatgl.platforms import CHOICES
+from splatgl.readers import require_source
 from splatgl.readers.options import LoadOptions, inside
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import VECTORS, MeshFile, Vectors, is_mesh
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import TransferChoice
 from splatgl.scene.view import ViewOptions
+from splatgl.splat.presets import ALIASES, PRESETS
 from splatgl.splat.settings import LIKE, Settings
 from splatgl.splat.transfer import Transfer
 
@@ -153,8 +158,27 @@ def record_of(args: argparse.Namespace, record: type[Record]) -> Record:
     return record(**{name: value for name, value in given.items() if value is not None})
 
 
+def preset_advice(word: str) -> str:
+    """`did you mean --preset …?` for the name of a preset, also a misspelt one; "" for other words and for sources."""
+    if word in SCENES or Path(inside(word)[0]).exists():
+        return ""
+    similar = get_close_matches(word.lower(), (*PRESETS, *ALIASES), 1, SIMILAR)
+    return f"did you mean --preset {similar[0]}?" if similar else ""
+
+
+def require_sources(sources: Iterable[str]) -> None:
+    """Raises InputError for the first source that does not exist."""
+    for source in sources:
+        if advice := preset_advice(source):
+            raise expected(source, "a file", "no such file", advice)
+        if source not in SCENES:
+            require_source(source)
+
+
 def _refuse_many(args: argparse.Namespace) -> None:
-    """InputError for standard input, and for a pattern where one volume is drawn."""
+    """InputError for standard input, for a pattern where one volume is drawn, and for the name of a preset."""
+    if advice := preset_advice(args.source):
+        raise expected(args.source, "a file", "no such file", advice)
     if args.source == "-":
         raise expected("SOURCE", "a file", "standard input", "save it to a file first")
     if is_pattern(args.source) and not hasattr(args, "more"):

@@ -25,7 +25,8 @@ class Parser(argparse.ArgumentParser):
     """
 
     def __init__(self, *args: Any, **named: Any) -> None:
-        super().__init__(*args, **{"formatter_class": Formatter, **named})
+        # an abbreviation would make each new option a breaking change
+        super().__init__(*args, **{"formatter_class": Formatter, "allow_abbrev": False, **named})
         # argparse takes what fits for a value, not an option: its own pattern knows single numbers, no -1,2,3
         self._negative_number_matcher = NEGATIVE
         self._positionals.title = "arguments"
@@ -97,11 +98,6 @@ class Parser(argparse.ArgumentParser):
             form.end_section()
         form.add_text(f"More options: {self.prog} --help-all")
         return form.format_help()
-
-    def _get_option_tuples(self, option_string: str) -> list[Any]:
-        # --hel stays an abbreviation of --help alone
-        matches = super()._get_option_tuples(option_string)
-        return [match for match in matches if match[1] != "--help-all" or option_string.startswith("--help-")]
 
 
 class Formatter(argparse.RawDescriptionHelpFormatter):

@@ -395,3 +395,61 @@ def test_an_annotated_xray_is_summed_up(here: Path, capsys: pytest.CaptureFixtur
     assert main(["render", "balls", *arguments, "--annotate", "scale"]) == 0
     error = re.compile(r"off by more than \S* of [^,;:]*")
     assert error.search(capsys.readouterr().out)[0] == error.search(plain)[0]  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        ("render noise.npy --azim 30", "unknown option --azim (did you mean --azimuth?)"),
+        ("render noise.npy --bac=black", "unknown option --bac=black (did you mean --backend or --background?)"),
+        ("surface noise.npy --is 1", "unknown option --is (did you mean --iso?)"),
+        ("animate noise.npy --out x.gif", "unknown option --out (did you mean --output?)"),
+        ("--vers", "got --vers (did you mean --version?)"),
+    ],
+)
+def test_abbreviations_are_refused_with_advice(
+    here: Path, capsys: pytest.CaptureFixture[str], arguments: str, line: str
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(arguments.split())
+    assert stop.value.code == 2
+    assert line in said(capsys)
+
+
+def test_no_parser_takes_abbreviations() -> None:
+    commands = [_command_of(_parser([name]), name) for name in COMMANDS]
+    assert not any(command is None or command.allow_abbrev for command in (_parser([]), *commands))
+    root = Path(__file__).parents[2]
+    for path in (*root.glob("scripts/**/*.py"), *root.glob("tests/fuzz/*.py")):
+        text = path.read_text(encoding="utf-8")
+        made = len(re.findall(r"argparse\.ArgumentParser\(|\.add_parser\(", text))
+        assert text.count("allow_abbrev=False") == made, path
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "render noise.npy ct-bone -o x.png",
+        "render noise.npy CT-Bone -o x.png",
+        "render ct-bone -o x.png",
+        "animate noise.npy ct-bone -o x.gif",
+        "view noise.npy ct-bone",
+    ],
+)
+def test_names_of_presets_get_the_option(here: Path, capsys: pytest.CaptureFixture[str], arguments: str) -> None:
+    try:
+        code = main(arguments.split())
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    assert code == 2
+    assert "did you mean --preset ct-bone?" in said(capsys)
+    assert sorted(path.name for path in here.iterdir()) == ["noise.npy"]
+
+
+@pytest.mark.parametrize("command", ["render", "animate"])
+def test_a_missing_second_source_is_named_before_the_output(
+    here: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    assert main([command, "noise.npy", "nosuch.npy", "-o", "x.gif"]) == 2
+    assert said(capsys).startswith("splatgl: nosuch.npy: ")
+    assert sorted(path.name for path in here.iterdir()) == ["noise.npy"]

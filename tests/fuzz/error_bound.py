@@ -251,7 +251,7 @@ def measure(renderer: sg.Renderer, chosen: Case, verify_bound: bool = False) -> 
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--count", type=int, default=1000, help="how many pictures")
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--backend", default="auto")

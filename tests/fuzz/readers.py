@@ -284,7 +284,7 @@ def run(reader: str, count: int, seed: int, folder: Path, processes: int = PROCE
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__.splitlines()[0])  # type: ignore[union-attr]
     parser.add_argument("--count", type=int, default=10_000, help="files per reader")
     parser.add_argument("--reader", choices=sorted(SEEDS), help="one reader only")
     parser.add_argument("--seed", type=int, default=1998)
