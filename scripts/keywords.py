@@ -15,7 +15,7 @@ from splatgl.animation.api import TIMES
 from splatgl.data.volume import ArrayOptions
 from splatgl.options import keywords_of
 from splatgl.readers.options import LoadOptions
-from splatgl.scene.api import KEYWORDS
+from splatgl.scene.groups import GROUPS, KEYWORDS
 from splatgl.splat.settings import Settings
 
 TARGET = Path(__file__).parents[1] / "splatgl" / "keywords.py"
@@ -31,6 +31,8 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias, TypedDict
 
 import numpy as np
+
+from splatgl.options import OptionGroup
 
 Numbers: TypeAlias = Sequence[float] | np.ndarray
 '''
@@ -60,6 +62,8 @@ def compose() -> str:
         lines += write_class(bases[-1], f"{about} that are options of all pictures, too.", shared)
         rest = {option: parameter for option, parameter in table.items() if option not in shared}
         lines += write_class(f"{name}Keywords", f"{about}.", rest, bases[-1])
+    for kind in GROUPS.values():
+        lines += write_class(f"{kind.__name__}Keywords", f"Keywords of `{kind.__name__}`.", kind.known)
     lines += write_class("ArrayKeywords", "Options of `Volume.of`.", keywords_of(ArrayOptions))
     lines += write_class("PictureKeywords", "Options of all pictures.", common, ", ".join(bases))
     one = {"time": KEYWORDS["time"]}

@@ -41,6 +41,11 @@ if TYPE_CHECKING:
     from splatgl.reference.pick import pick as pick
     from splatgl.scene.api import depth_map as depth_map
     from splatgl.scene.api import render as render
+    from splatgl.scene.groups import Check as Check
+    from splatgl.scene.groups import Cuts as Cuts
+    from splatgl.scene.groups import Light as Light
+    from splatgl.scene.groups import Look as Look
+    from splatgl.scene.groups import View as View
     from splatgl.splat.camera import Camera as Camera
     from splatgl.splat.extract import extract as extract
     from splatgl.splat.kernels import PiecewiseCubic as PiecewiseCubic
@@ -68,6 +73,7 @@ if TYPE_CHECKING:
 
 # public name → module, imported on first use, so that a command imports only what it needs
 _PUBLIC = {
+    **dict.fromkeys(("Check", "Cuts", "Light", "Look", "View"), "splatgl.scene.groups"),
     "Camera": "splatgl.splat.camera",
     "Image": "splatgl.data.image",
     "InputError": "splatgl.errors",

@@ -11,6 +11,8 @@ from typing import Any, Literal, TypeAlias, TypedDict
 
 import numpy as np
 
+from splatgl.options import OptionGroup
+
 Numbers: TypeAlias = Sequence[float] | np.ndarray
 
 
@@ -35,7 +37,6 @@ class PictureSettingsKeywords(TypedDict, total=False):
     target: Literal["rgba32f", "rgba16f", "rgba8", "auto"]
     technique: Literal["auto", "quads", "tiles"]
     shading: Literal["auto", "on", "off"]
-    light: Literal["head", "matte", "glossy", "flat"]
     light_from: Numbers | None
     ambient: float | None
     diffuse: float | None
@@ -54,6 +55,7 @@ class PictureSettingsKeywords(TypedDict, total=False):
 class SettingsKeywords(PictureSettingsKeywords, total=False):
     """Fields of `Settings`."""
 
+    light: Literal["head", "matte", "glossy", "flat"]
     clip: Sequence[Numbers]
 
 
@@ -82,6 +84,107 @@ class LoadKeywords(PictureLoadKeywords, total=False):
 
     time: int | float | str | None
     levels: int
+
+
+class ViewKeywords(TypedDict, total=False):
+    """Keywords of `View`."""
+
+    size: int | str | Numbers
+    view: (
+        Literal[
+            "anterior",
+            "posterior",
+            "left",
+            "right",
+            "superior",
+            "inferior",
+            "isometric",
+            "front",
+            "back",
+            "top",
+            "bottom",
+        ]
+        | None
+    )
+    azimuth: float | None
+    elevation: float | None
+    fov: float | None
+    zoom: float | None
+    eye: Numbers | None
+    look_at: Numbers | None
+    up: Numbers | None
+    orthographic: bool | None
+    height: float | None
+    dpi: float | None
+    width: str | None
+    fit: Literal["all", "visible", "0.3"]
+
+
+class LookKeywords(TypedDict, total=False):
+    """Keywords of `Look`."""
+
+    preset: str
+    curve: str
+    colors: str | Sequence[Any]
+    level_width: Numbers | None
+    file: str
+    only_labels: str | Sequence[int | tuple[int, float]] | Mapping[int, float]
+    name_of: Mapping[int, str] | Sequence[str]
+    color_of: Mapping[str, str] | Sequence[str]
+    window_of: Mapping[str, Numbers] | Sequence[str]
+    points: Sequence[Numbers]
+    colormap: str | Sequence[Numbers] | np.ndarray
+    window: Numbers | None
+    unit: str | float | None
+    gradient: Sequence[Numbers]
+    scale: Literal["linear", "log"]
+    log: bool
+    iso: float | str | Sequence[Any]
+    regions: Sequence[Any]
+    region: Sequence[Any]
+    threshold: float
+
+
+class CutsKeywords(TypedDict, total=False):
+    """Keywords of `Cuts`."""
+
+    clip: str | Sequence[Any] | None
+    crop: str
+    mask: Any | None
+    uncut: str | int | Sequence[int]
+    scissors: Any
+
+
+class LightKeywords(TypedDict, total=False):
+    """Keywords of `Light`."""
+
+    blend: Literal["composite", "xray", "mip", "attenuated-mip", "minip", "mean"]
+    mip_attenuation: float
+    shading: Literal["auto", "on", "off"]
+    light: Literal["head", "matte", "glossy", "flat"]
+    light_from: Numbers | None
+    ambient: float | None
+    diffuse: float | None
+    specular: float | None
+    ambient_occlusion: float
+    shadows: float
+    background: str | Numbers | None
+    annotate: str | Sequence[str] | None
+    slices: str | Sequence[str]
+    slice: str | Sequence[str]
+
+
+class CheckKeywords(TypedDict, total=False):
+    """Keywords of `Check`."""
+
+    kernel: str
+    classification: Literal["auto", "post", "pre"]
+    compositing: Literal["auto", "sheets", "splats"]
+    sheets: int | None
+    steps: int | None
+    antialias: Literal["auto", "paper", "off", "supersample"]
+    samples: int
+    tolerance: float
 
 
 class ArrayKeywords(TypedDict, total=False):
@@ -113,6 +216,7 @@ class PictureKeywords(PictureSettingsKeywords, PictureLoadKeywords, total=False)
             "top",
             "bottom",
         ]
+        | OptionGroup
         | None
     )
     azimuth: float | None
@@ -127,9 +231,10 @@ class PictureKeywords(PictureSettingsKeywords, PictureLoadKeywords, total=False)
     dpi: float | None
     width: str | None
     fit: Literal["all", "visible", "0.3"]
+    light: Literal["head", "matte", "glossy", "flat"] | OptionGroup | None
     preset: str
     curve: str
-    colors: str
+    colors: str | Sequence[Any]
     level_width: Numbers | None
     file: str
     only_labels: str | Sequence[int | tuple[int, float]] | Mapping[int, float]
@@ -137,7 +242,7 @@ class PictureKeywords(PictureSettingsKeywords, PictureLoadKeywords, total=False)
     color_of: Mapping[str, str] | Sequence[str]
     window_of: Mapping[str, Numbers] | Sequence[str]
     points: Sequence[Numbers]
-    colormap: str
+    colormap: str | Sequence[Numbers] | np.ndarray
     window: Numbers | None
     unit: str | float | None
     gradient: Sequence[Numbers]
@@ -175,6 +280,9 @@ class PictureKeywords(PictureSettingsKeywords, PictureLoadKeywords, total=False)
     origin: Numbers | None
     name: str | None
     offset: int
+    look: OptionGroup | None
+    cuts: OptionGroup | None
+    check: OptionGroup | None
 
 
 class RenderKeywords(PictureKeywords, total=False):

@@ -10,7 +10,7 @@ from enum import StrEnum
 from inspect import Parameter, isfunction, signature
 from math import inf, isfinite
 from numbers import Real
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, ClassVar, Literal, TypeVar, get_args
 
 from splatgl.errors import SIMILAR, InputError, expected
 
@@ -196,6 +196,9 @@ class Kind:
         return Kind.instance("true or false", bool, metavar="")
 
 
+SIZE = Kind.picture_size()
+
+
 @dataclass(frozen=True)
 class Option:
     """An option. help: `--help` shows the first sentence. group: "" for options of files and records alone. level:
@@ -332,6 +335,24 @@ def refuse_unknown(what: str, names: Iterable[str], known: Iterable[str], this: 
     if unknown:
         fix = nearest(unknown[0], known)
         raise expected(what, this or f"keys {', '.join(known)}", ", ".join(unknown), fix)
+
+
+class OptionGroup:
+    """Some keywords of pictures as an object. options: the given ones by their names. known: parameters of all. record:
+    a dataclass that checks values. Raises InputError for other names and values.
+    """
+
+    known: ClassVar[Mapping[str, Parameter]] = {}
+    record: ClassVar[Any] = None
+
+    def __init__(self, **options: Any) -> None:
+        refuse_unknown(type(self).__name__, options, self.known)
+        if self.record is not None:
+            self.record(**{name: value for name, value in options.items() if name in declared(self.record)})
+        self.options = options
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in self.options.items())})"
 
 
 def no_effect(names: Iterable[str], why: str) -> list[str]:

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.animation.animation import Animation, Frames, Timeline, draw_frames
 from splatgl.animation.movie import need, volumes, write_movie
+from splatgl.coercion import is_instance, is_scene, public
 from splatgl.errors import USER_ERRORS, error_prefix, expected
 from splatgl.fileio import check_source, within
-from splatgl.options import is_number, keyword, keywords_of, names_of, non_default, with_keywords
-from splatgl.scene.api import KEYWORDS, is_scene, is_splats, scene_of
+from splatgl.options import OptionGroup, is_number, keyword, keywords_of, names_of, non_default
+from splatgl.scene.api import scene_of
 from splatgl.scene.draw import DrawOptions, WorkerOptions
+from splatgl.scene.groups import ungrouped, with_groups
 from splatgl.scene.scene_file import TRACK, SceneFile
 from splatgl.splat.kernels import require_built_in
 from splatgl.splat.settings import Settings
@@ -42,12 +44,13 @@ TIMES = {
 }
 
 
-@with_keywords(KEYWORDS, TIMES)
+@with_groups(TIMES)
+@public
 def animate(
     x: Any,
     output: str | Path,
-    transfer: Transfer | str | Mapping[str, Any] | None = None,
-    settings: Settings | None = None,
+    transfer: Transfer | OptionGroup | str | Mapping[str, Any] | None = None,
+    settings: Settings | OptionGroup | Any | None = None,
     **options: Unpack[AnimateKeywords],
 ) -> list[Path]:
     """Draws frames or a movie with the defaults of `splatgl animate`; returns the files: one movie, or the frames.
@@ -67,13 +70,14 @@ def animate(
     ```
     """
     items = list(x) if isinstance(x, list | tuple) else [x]
-    if not items or any(is_splats(item) or is_scene(item) for item in items):
+    if not items or any(is_instance(item, "Splats") or is_scene(item) for item in items):
         raise expected("animate", "volumes, arrays or files", "an empty list" if not items else "splats or a scene")
     if "camera" in options:
         raise expected("animate", "a view", "a camera", "name its azimuth, elevation and zoom, or eye and look_at")
-    given: dict[str, Any] = {name: options[name] for name in OWN if name in options}  # type: ignore[literal-required]
+    options_given, (transfer, settings) = ungrouped(options, transfer, settings)
+    given = {name: options_given[name] for name in OWN if name in options_given}
     by = WorkerOptions(**{name: given.pop(name) for name in names_of(WorkerOptions) if name in given})
-    rest = {name: value for name, value in options.items() if name not in OWN and not isinstance(value, slice)}
+    rest = {name: value for name, value in options_given.items() if name not in OWN and not isinstance(value, slice)}
     fps, bits, resume = (given.pop(name, usual) for name, usual in (("fps", None), ("bits", 8), ("resume", False)))
     if bits not in (8, 16):
         raise expected("bits", "8 or 16", repr(bits))
@@ -81,10 +85,10 @@ def animate(
     found = [scene_of(item, transfer, None, settings, rest) for item in items]
     scenes, memory = [scene for scene, _ in found], found[0][1]
     timeline, fps = timeline_of(scenes[0], Timeline(**given), fps)
-    scenes = [with_blur(scene, options.get("shutter")) for scene in scenes]
+    scenes = [with_blur(scene, options_given.get("shutter")) for scene in scenes]
     scenes = [each for scene in scenes for each in ([scene] if scene.held is not None else volumes(scene, ()))]
     with within(memory):
-        animation = Animation.of(scenes, timeline, options.get("time"), bits, True)
+        animation = Animation.of(scenes, timeline, options_given.get("time"), bits, True)
         frames, _ = write_animation(animation, str(output), by, DrawOptions(is_shared=True), fps, resume, True)
     return [frames.movie] if frames.movie else [frames.path(n) for n in animation.numbers]
 

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
 from pkgutil import iter_modules
+from typing import Any
 
 import numpy as np
 
 import splatgl.annotations as package
 from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Subject
+from splatgl.coercion import public
 from splatgl.data.color import Color
 from splatgl.data.figure import Figure
 from splatgl.data.image import Image
@@ -25,11 +27,12 @@ from splatgl.splat.transfer import Transfer
 LEAST_SIDE = 64
 
 
+@public
 def annotated(
-    image: Image,
+    image: Image | Any,
     volume: Volume | Subject,
-    transfer: Transfer,
-    camera: Camera,
+    transfer: Transfer | Any,
+    camera: Camera | Any,
     annotate: Sequence[str],
     ground: Color | None = None,
     steady: bool = False,

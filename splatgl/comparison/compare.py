@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.comparison.metrics import (
     count_unmatched,
     densest_share,
@@ -79,6 +80,7 @@ class Comparison:
 
 # differences of finite numbers may overflow: they count as infinite
 @np.errstate(over="ignore", invalid="ignore")
+@public
 def compare(
     a: Any,
     b: Any,

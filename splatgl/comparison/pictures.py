@@ -271,6 +271,11 @@ def as_image(value: Any, what: str = "image") -> Image:
     raise expected(what, this, got, fix)
 
 
+def image_of(value: Any, _: Any) -> Image:
+    """`as_image`, for arguments of public functions."""
+    return as_image(value)
+
+
 def _draw(value: Any) -> Any:
     """The bytes or samples of an object that draws itself; other values as they are."""
     if isinstance(value, Pillow.Image):

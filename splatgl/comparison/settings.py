@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.comparison.compare import ALIGNMENTS, NAMES
 from splatgl.comparison.pictures import as_image, match_images, read_mask
 from splatgl.comparison.verdict import NOISE, Criteria, Pair, Tolerance, Verdict
@@ -163,6 +164,7 @@ def read_limit(name: str, value: Any) -> float:
     return number
 
 
+@public
 def judge(a: Any, b: Any, **settings: Any) -> Verdict:
     """Returns the verdict of `splatgl compare` on the image `a` against the reference `b`: whether they are the same,
     the metrics with their limits, and what kind of difference there is.

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.accuracy import Accuracy
 from splatgl.data.color import linear_from_srgb, srgb_bytes, srgb_from_linear
 from splatgl.data.figure import VECTOR, Figure
@@ -60,6 +61,7 @@ class Drawn(NamedTuple):
     settings: Any
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class Image:
     """pixels: float32 [H, W, 4], linear, premultiplied, row 0 at the top. info: how the image was rendered. figure: the

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.affine import World, unit_name
 from splatgl.data.color import linear_from_srgb, srgb_from_linear, srgb_of_name
 from splatgl.errors import expected
@@ -52,6 +53,7 @@ class Texture:
         return replace(self, light=lambda points: self.light(points / factors), texel_from_world=matrix)
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """Triangles, lit from both sides. vertices float64 [N, 3]: world units; faces int64 [M, 3]: numbers of vertices.

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.times import Times
 from splatgl.errors import InputError, expected, list_names
 from splatgl.options import keywords_of, with_keywords
@@ -125,6 +126,7 @@ class Slab:
     samples: np.ndarray
 
 
+@public
 @dataclass(frozen=True)
 class ArrayOptions:
     """Options for an array; None: as the array itself states.
@@ -152,6 +154,7 @@ class ArrayOptions:
             raise expected("array", f"no value, as {what} is one array", repr(self.array), "leave it out")
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class Volume:
     """Samples on an affine grid: world = direction · diag(spacing) · (x, y, z) + origin.
@@ -214,8 +217,9 @@ class Volume:
         if min(samples.shape) < 1:
             raise expected("samples", "at least one voxel along each axis", f"shape {samples.shape}")
         for name, array in (("color", self.color), ("vectors", self.vectors)):
-            if array is not None and array.shape != (*samples.shape, 3):
-                raise expected(name, f"shape {(*samples.shape, 3)}", array.shape)
+            if array is not None and getattr(array, "shape", None) != (*samples.shape, 3):
+                got = getattr(array, "shape", None) or f"a {type(array).__name__}"
+                raise expected(name, f"shape {(*samples.shape, 3)}", got)
         if self.color is not None and self.color.dtype != np.uint8:
             raise expected("color", "uint8, sRGB", self.color.dtype)
         if self.frame not in (None, "LPS", "RAS"):

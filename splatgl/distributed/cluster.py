@@ -14,6 +14,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from splatgl.coercion import public
 from splatgl.distributed.worker import call
 from splatgl.errors import InputError, expected, missing_extra, one_line
 
@@ -33,6 +34,7 @@ Found = TypeVar("Found")
 
 
 @contextmanager
+@public
 def connected(
     workers: int | None, scheduler: str | None, tell: Callable[[str], None] | None = print
 ) -> Iterator[Client]:

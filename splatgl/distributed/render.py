@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.distributed.cluster import spread
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from splatgl.splat.plan import Plan
 
 
+@public
 def render_frames(
     source: str | Path,
     transfer: Transfer,
@@ -132,7 +134,8 @@ def join_samples(how: str, near: np.ndarray, far: np.ndarray) -> np.ndarray:
     return np.stack([value, near[..., 1] + far[..., 1], np.zeros_like(value), near[..., 3] + far[..., 3]], axis=-1)
 
 
-def over(near: Image, far: Image) -> Image:
+@public
+def over(near: Image | Any, far: Image | Any) -> Image:
     """Composites `near` over `far`, both linear and premultiplied; keeps the info of `near`.
 
     Raises InputError for images of different sizes.
@@ -157,11 +160,12 @@ class Job(Subject):
     level: int = 0
 
 
+@public
 def render_slabs(
     source: Volume | str | Path,
-    transfer: Transfer,
-    camera: Camera,
-    settings: Settings | None = None,
+    transfer: Transfer | Any,
+    camera: Camera | Any,
+    settings: Settings | Any | None = None,
     memory: int | str | None = None,
     progress: Progress | None = None,
     client: Client | None = None,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from splatgl.coercion import public
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.splat.settings import Settings
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 
 
+@public
 @dataclass(frozen=True)
 class Drawing:
     """OpenGL options of workers. devices: EGL devices in turn; empty: one graphics card each, if there are several."""

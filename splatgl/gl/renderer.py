@@ -13,6 +13,7 @@ from typing import Any
 import moderngl
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.image import Drawn, Image
 from splatgl.errors import InputError, expected
 from splatgl.gl.backends import ContextLost, hand_back
@@ -46,6 +47,7 @@ FINER: dict[str, Any] = {
 COMPUTE = 430
 
 
+@public
 class Renderer:
     """Headless renderer. Use it in a `with` block, or call `close()`.
 
@@ -94,16 +96,20 @@ class Renderer:
             self.passes.release()
 
     def plan(
-        self, splats: Splats, camera: Camera, settings: Settings | None = None, motion: Motion | None = None
+        self,
+        splats: Splats | Any,
+        camera: Camera | Any,
+        settings: Settings | Any | None = None,
+        motion: Motion | None = None,
     ) -> Plan:
         """The plan of the picture of splats that `render` draws; tiles depend on the driver."""
         return plan(splats, camera, settings, motion, self.tiles)
 
     def render(
         self,
-        splats: Splats | Scene,
-        camera: Camera,
-        settings: Settings | None = None,
+        splats: Scene | Splats | Any,
+        camera: Camera | Any,
+        settings: Settings | Any | None = None,
         motion: Motion | None = None,
         verify_bound: bool = True,
         interrupted: Callable[[], bool] | None = None,

@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
+from splatgl.coercion import public
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import Choice, InputError, error_prefix, expected
 from splatgl.fileio import decode_text, require_existing
@@ -36,6 +37,7 @@ LINE_LIMIT = 400
 
 
 @with_keywords(keywords_of(LoadOptions))
+@public
 def load(path: str | Path, options: LoadOptions | None = None, **given: Unpack[LoadKeywords]) -> Volume:
     """Loads the volume in a file or Zarr folder, or at an address (https, s3, gs); the contents select the reader.
 

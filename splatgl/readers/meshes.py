@@ -12,6 +12,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.affine import metres_in
 from splatgl.data.mesh import SIDES, Mesh, ring_points
 from splatgl.errors import InputError, expected, import_extra
@@ -37,6 +38,7 @@ Read = Callable[[Path, float | None, str | None], Mesh]
 CODE = re.compile("#[0-9a-fA-F]{6}")
 
 
+@public
 def load_mesh(
     path: str | Path,
     color: str | tuple[float, float, float] | None = None,

@@ -15,11 +15,12 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import Self
+from typing import Any, Self
 from zlib import crc32
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.accuracy import Accuracy
 from splatgl.data.image import Image
 from splatgl.errors import expected
@@ -52,11 +53,12 @@ FIELD_PIXELS, FIELD_SAMPLES = 64, 4
 Drawn = Callable[[np.ndarray], np.ndarray]
 
 
+@public
 def check(
-    image: Image,
-    splats: Splats | Scene,
-    camera: Camera,
-    settings: Settings | None = None,
+    image: Image | Any,
+    splats: Scene | Splats | Any,
+    camera: Camera | Any,
+    settings: Settings | Any | None = None,
     amount: int | float | None = None,
     field: bool = False,
 ) -> Image:
@@ -143,7 +145,7 @@ def check_input(
     """Raises InputError, before any drawing, for input that `check` cannot compare: a field of no pixels, or of voxels
     classified before reconstruction.
     """
-    if amount is not None and amount < field:
+    if amount is not None and not amount >= field:
         raise expected("--check", "pixels or seconds" + " of at least 1, with --field" * field, amount)
     if not field:
         return

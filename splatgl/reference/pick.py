@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import expected
 from splatgl.reference.march import LayerRays, SurfaceRays, absorb, fields_of, passed, ray_lengths
@@ -43,14 +44,15 @@ class Picked:
     mesh: int | None = None
 
 
+@public
 def pick(
-    x: Volume | Scene,
-    camera: Camera,
+    x: Scene | Volume | Any,
+    camera: Camera | Any,
     pixel: Sequence[int],
-    transfer: Transfer | None = None,
+    transfer: Transfer | Any | None = None,
     mode: str | None = None,
     attenuation: float = 0.0,
-    settings: Settings | None = None,
+    settings: Settings | Any | None = None,
 ) -> Picked | None:
     """The point under the centre of a pixel (column, row), row 0 on top; None if nothing is visible there.
 

@@ -9,9 +9,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.image import Image
 from splatgl.data.mesh import Mesh
 from splatgl.errors import expected
@@ -52,10 +54,11 @@ TOGETHER = 1 << 9
 Progress = Callable[[Iterator[tuple[int, int]], int], Iterator[tuple[int, int]]]
 
 
+@public
 def render(
-    splats: Splats | Scene,
-    camera: Camera,
-    settings: Settings | None = None,
+    splats: Scene | Splats | Any,
+    camera: Camera | Any,
+    settings: Settings | Any | None = None,
     row: str = "row1",
     progress: Progress | None = None,
 ) -> Image:

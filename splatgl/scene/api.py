@@ -10,19 +10,20 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from splatgl import __version__
+from splatgl.coercion import is_instance, is_scene, public
 from splatgl.data.image import Image
 from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import expected
-from splatgl.fileio import parse_bytes, within
-from splatgl.options import by_fields, checked, is_number, keyword, keywords_of, names_of, refuse_unknown, with_keywords
+from splatgl.fileio import within
+from splatgl.options import OptionGroup, by_fields, checked, declared, is_number, names_of, refuse_unknown
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.draw import DrawOptions, depths_of, draw, draw_subject
-from splatgl.scene.meshes import VECTORS, MeshFile, Vectors
+from splatgl.scene.groups import TRANSFER, ungrouped, with_groups
+from splatgl.scene.meshes import VECTORS, MeshFile
 from splatgl.scene.mixing import DISPLAY, LINEAR, MIXING, display_image, display_scene, display_settings
 from splatgl.scene.open_scene import OpenScene, with_background
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.transfer_choice import TransferChoice
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import EXTENT, Transfer
@@ -34,37 +35,17 @@ if TYPE_CHECKING:
     from splatgl.splat.scene import Scene
 
 
-# options of the transfer function that are keywords; `shading` is a setting
-TRANSFER = names_of(TransferChoice, Transfer)
 # options of a scene that are keywords; the last ones are those of settings as a whole
 SCENE = (*names_of(SceneFile), "labels", "clip_meshes", *names_of(MeshFile), *VECTORS, "like", "paper")
-_vectors = keywords_of(Vectors)
-# keywords of all pictures: by record, those of a source last
-KEYWORDS = {
-    **keywords_of(ViewOptions, *names_of(ViewOptions)),
-    **keywords_of(Settings, *names_of(Settings)),
-    **keywords_of(TransferChoice),
-    **keywords_of(Transfer, *names_of(Transfer), flags=True),
-    **keywords_of(SceneFile, *names_of(SceneFile), flags=True),
-    **{name: keyword(name, hint) for name, hint in (("labels", "Any"), ("clip_meshes", "bool"))},
-    **keywords_of(MeshFile, *names_of(MeshFile)),
-    **{name: _vectors[item].replace(name=name) for name, item in VECTORS.items()},
-    **{name: keyword(name, hint) for name, hint in (("like", "str | None"), ("paper", "bool"))},
-    **keywords_of(DrawOptions, "memory"),
-    "mixing": keyword("mixing", MIXING.kind.hint, LINEAR),
-    **keywords_of(ArrayOptions),
-    **keywords_of(LoadOptions, *names_of(LoadOptions), flags=True),
-    # text: the unit of an array's lengths; a number or "extent": the length that opacities refer to
-    "unit": keyword("unit", "str | float | None"),
-}
 
 
-@with_keywords(KEYWORDS)
+@with_groups()
+@public
 def depth_map(
     x: Any,
-    transfer: Transfer | str | Mapping[str, Any] | None = None,
-    camera: Camera | None = None,
-    settings: Settings | None = None,
+    transfer: Transfer | OptionGroup | str | Mapping[str, Any] | None = None,
+    camera: Camera | OptionGroup | Any | None = None,
+    settings: Settings | OptionGroup | Any | None = None,
     at: float | str | None = None,
     **options: Unpack[RenderKeywords],
 ) -> np.ndarray:
@@ -76,23 +57,25 @@ def depth_map(
     "max" or "min": the depth of the largest or least value; None: ½, or the value that mip and minip show. Needs no
     OpenGL. Raises InputError like `render`, and for splats and volumes that are read in parts.
     """
-    if is_splats(x):
+    given, (transfer, camera, settings) = ungrouped(options, transfer, camera, settings)
+    if is_instance(x, "Splats"):
         raise expected("depths", "a volume, an array, a file or a scene", "splats")
     if is_scene(x):
         _refuse_transfer(transfer)
-        layers, view, look, _ = view_of(x, camera, settings, options)
+        layers, view, look, _ = view_of(x, camera, settings, given)
         return depths_of(layers, view, look, at)
-    scene = OpenScene.read(scene_of(x, transfer, camera, settings, options)[0])
+    scene = OpenScene.read(scene_of(x, transfer, camera, settings, given)[0])
     # the planes of the settings are the scene's
     return depths_of(scene.scene, scene.camera, replace(scene.file.settings, clip=()), at)
 
 
-@with_keywords(KEYWORDS)
+@with_groups()
+@public
 def render(
     x: Any,
-    transfer: Transfer | str | Mapping[str, Any] | None = None,
-    camera: Camera | None = None,
-    settings: Settings | None = None,
+    transfer: Transfer | OptionGroup | str | Mapping[str, Any] | None = None,
+    camera: Camera | OptionGroup | Any | None = None,
+    settings: Settings | OptionGroup | Any | None = None,
     **options: Unpack[RenderKeywords],
 ) -> Image:
     """Draws `x` with the defaults of `splatgl render`; the pixels are the same bit for bit.
@@ -100,36 +83,34 @@ def render(
     x: anything that `Volume.of` accepts, a file, address, built-in scene or scene.toml, a Volume, or Splats; or a Scene
     or PyVista plotter, which accept only options of the view and the settings.
     transfer: a Transfer, the name of a preset or of a file, or the fields of a Transfer.
-    options: those of the command line by their names, of the view (view, azimuth, elevation, zoom, fov, size, eye,
-    look_at, up, orthographic, height, dpi, width), unless there is a camera, and of the settings (blend, antialias,
-    background, like, …); preset, points, curve, colormap, colors, window, level_width, log, iso; color_of and window_of
-    ({"DAPI": "blue"}), only_labels ([3, 7] or {3: 0.5}); layers (volumes, arrays, Layers or files, one or several)
-    and labels (a segmentation); vectors ("magnitude", "direction"), streamlines, arrows (their number, or True);
-    surfaces (smoothing of segmentations, or True); clip (a condition or plane, or several), crop, mask (anything
-    that `Volume.masked` accepts, or several); meshes; annotate (names as on the command line); threshold, memory;
-    unit (a number or "extent": the length that opacities refer to; other text: the unit of an array's lengths);
-    options of `load` or `Volume.of` (spacing, array, …); of a Scene or plotter `mixing`: "linear" light, or "display"
-    values as VTK mixes them. background: linear RGB, a name, "#rrggbb" or "transparent"; by default white behind
-    surfaces and black behind glowing matter. `info["notes"]` lists the notes that the command prints about a file, and
-    on options without effect. `render` does not compare the picture with the float64 reference; `check` does. Raises
-    InputError for bad input, and if nothing is visible.
+    options: those of the command line by their names, as below, or in groups: view=sg.View(azimuth=60, zoom=2),
+    look=sg.Look(…), cuts, light and check, which also stand in place of transfer, camera and settings. An option beside
+    a group that has it, too, replaces it. color_of and window_of: {"DAPI": "blue"}; only_labels: [3, 7] or {3: 0.5};
+    colormap: a name, or sRGB [N, 3]; colors: pairs of a value and a name or sRGB (r, g, b); layers: volumes, arrays,
+    Layers or files, one or several; labels: a segmentation; mask: anything that `Volume.masked` accepts, or several;
+    unit: a number or "extent", the length that opacities refer to, or other text, the unit of an array's lengths;
+    mixing of a Scene or plotter: "linear" light, or "display" values as VTK mixes them; background: linear RGB, a name,
+    "#rrggbb" or "transparent"; by default white behind surfaces and black behind glowing matter. `info["notes"]` lists
+    the notes that the command prints about a file, and on options without effect. The image's `accuracy` compares it
+    with the float64 reference, when asked. Raises InputError for bad input, and if nothing is visible.
 
     ```python
     image = sg.render("head.nii.gz", "mri", azimuth=60, size=200, background="white")
     image.save("head.png")
     ```
     """
+    given, (transfer, camera, settings) = ungrouped(options, transfer, camera, settings)
     if is_scene(x):
         _refuse_transfer(transfer)
-        return picture_of(x, camera, settings, options)
-    scene, memory = scene_of(x, transfer, camera, settings, options)
+        return picture_of(x, camera, settings, given)
+    scene, memory = scene_of(x, transfer, camera, settings, given)
     return picture(x, scene, memory)
 
 
 def picture(x: Any, file: SceneFile, memory: int | None = None) -> Image:
     """Draws a scene from `scene_of` with the shared renderer."""
     drawing = DrawOptions(is_shared=True, memory=memory)
-    if is_splats(x):
+    if is_instance(x, "Splats"):
         if not len(x):
             raise expected("splats", "at least one", "none")
         image = draw_subject(x, file.view.camera(x, x), with_background(file.settings, x.shaded), drawing)
@@ -138,11 +119,6 @@ def picture(x: Any, file: SceneFile, memory: int | None = None) -> Image:
     with within(memory):
         scene = OpenScene.read(file)
         return draw(scene, drawing)
-
-
-def is_splats(x: Any) -> bool:
-    """Whether `x` is Splats; does not import their module."""
-    return any(base.__module__ == "splatgl.splat.splats" for base in type(x).__mro__)
 
 
 def scene_of(
@@ -160,7 +136,7 @@ def scene_of(
     drawing = names_of(ViewOptions, Settings)
     if rest.get("annotate") is None:
         rest.pop("annotate", None)
-    if is_splats(x):
+    if is_instance(x, "Splats"):
         others = [*transfer, *(name for name in rest if name not in drawing)]
         if others:
             raise expected("splats", "a view and settings", ", ".join(others), "extract them with these")
@@ -176,16 +152,15 @@ def scene_of(
         of_transfer = {"unit"} if is_number(unit) or str(unit) == EXTENT else set()
         scene = _source(x, {name: rest.pop(name) for name in reading if name in rest and name not in of_transfer})
     memory = rest.pop("memory", None)
+    memory = None if memory is None else checked(declared(DrawOptions)["memory"].kind, "memory", memory)
     if settings is not None:
-        if not isinstance(settings, Settings):
-            raise expected("settings", "Settings", type(settings).__name__)
         scene = replace(scene, settings=settings)
     if camera is not None:
         viewing = [name for name in names_of(ViewOptions) if name in rest]
         scene = replace(scene, view=_fixed(camera, viewing))
     scene = scene.with_transfer(transfer).with_options(**rest)
     scene = scene if "blend" in rest else scene.with_preset_blend()
-    return scene, parse_bytes(memory) if isinstance(memory, str) else memory
+    return scene, memory
 
 
 def _source(x: Any, reading: dict[str, Any]) -> SceneFile:
@@ -199,12 +174,8 @@ def _source(x: Any, reading: dict[str, Any]) -> SceneFile:
     return replace(scene, load={**scene.load, **reading})
 
 
-def _fixed(camera: Any, viewing: list[str]) -> ViewOptions:
-    """Returns the view of a camera. Raises InputError for other types, and for view options beside the camera."""
-    from splatgl.splat.camera import Camera
-
-    if not isinstance(camera, Camera):
-        raise expected("camera", "a Camera", type(camera).__name__)
+def _fixed(camera: Camera, viewing: list[str]) -> ViewOptions:
+    """Returns the view of a camera. Raises InputError for view options beside it."""
     if viewing:
         raise expected("options", "no view beside a camera", ", ".join(viewing), "leave one of them out")
     return ViewOptions(camera.size, fixed=camera)
@@ -230,12 +201,6 @@ ORBIT = ("azimuth", "elevation", "fov", "size", "zoom", "up")
 def _refuse_transfer(transfer: Any) -> None:
     if transfer is not None:
         raise expected("transfer", "none beside a scene, whose layers have theirs", type(transfer).__name__)
-
-
-def is_scene(x: Any) -> bool:
-    """Whether `x` is a scene of layers, a PyVista plotter, or a VTK window or renderer. Imports none of them."""
-    layers = any(base.__module__ == "splatgl.splat.scene" for base in type(x).__mro__)
-    return layers or any(hasattr(getattr(x, "renderer", x), name) for name in ("GetVolumes", "GetRenderers"))
 
 
 def view_of(
@@ -298,4 +263,4 @@ def camera_of(x: Any, options: Mapping[str, Any]) -> Camera:
     if is_scene(x):
         return view_of(x, camera, settings, rest)[1]
     file, _ = scene_of(x, transfer, camera, settings, rest)
-    return file.view.camera(x, x) if is_splats(x) else OpenScene.read(file).camera
+    return file.view.camera(x, x) if is_instance(x, "Splats") else OpenScene.read(file).camera

@@ -63,7 +63,7 @@ class DrawOptions:
         None,
         Kind(
             "a number of bytes",
-            int,
+            lambda value: parse_bytes(value) if isinstance(value, str) else Kind.whole(0).check(value),
             parse_bytes,
             "SIZE",
             written="a number of bytes, such as 4GiB or 500MB",

@@ -163,7 +163,7 @@ class TransferChoice:
     )
     colors: str = _option(
         "",
-        Kind.instance("colours at values", str, metavar="V:COLOUR,…"),
+        replace(Kind.instance("colours at values", str, list, tuple, metavar="V:COLOUR,…"), hint="str | Sequence[Any]"),
         "colours at values or percentiles, such as 60:red,95%:#ffd0a0, between which they are mixed",
     )
     level_width: tuple[float, float] | None = _option(

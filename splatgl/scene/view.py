@@ -96,9 +96,11 @@ def read_paper_width(text: str) -> float:
     return float(match[1]) * PAPER[match[2]]
 
 
-def _paper_width(text: str) -> str:
+def _paper_width(text: Any) -> str:
+    if str(text).isdecimal():
+        raise expected("width", "a width on paper such as 85mm", text, f"did you mean size {text}, in pixels?")
     read_paper_width(text)
-    return text
+    return str(text)
 
 
 _option = partial(option, group=Group.VIEW)

@@ -13,7 +13,9 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 import pyrr
 
+from splatgl.coercion import public
 from splatgl.errors import expected
+from splatgl.options import SIZE, checked
 from splatgl.splat.grid import corners_of
 
 # |sin| of the smallest angle between `up` and the view that defines a horizon
@@ -35,6 +37,8 @@ FAR = 1e15
 
 
 Vector: TypeAlias = Sequence[float] | np.ndarray
+# also 800x600 as text, and one number of a square
+Size: TypeAlias = int | str | Sequence[int]
 
 
 class Bounded(Protocol):
@@ -68,6 +72,7 @@ class Part:
         return corners_of(self.outline.min(axis=0), self.outline.max(axis=0))
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class Camera:
     """A view; made by `look_at`, `orbit` or `orthographic`.
@@ -89,9 +94,7 @@ class Camera:
     perspective: bool = True
 
     @classmethod
-    def look_at(
-        cls, eye: Vector, target: Vector, up: Vector, fov: float = 60.0, size: tuple[int, int] = (512, 512)
-    ) -> Camera:
+    def look_at(cls, eye: Vector, target: Vector, up: Vector, fov: float = 60.0, size: Size = (512, 512)) -> Camera:
         """Perspective view from `eye` to `target`; fov: full vertical angle in degrees.
 
         Raises InputError if eye = target, `up` is along the view, or fov is not within [1e−9, 180).
@@ -100,7 +103,7 @@ class Camera:
 
     @classmethod
     def orthographic(
-        cls, eye: Vector, target: Vector, up: Vector, height: float = 300.0, size: tuple[int, int] = (512, 512)
+        cls, eye: Vector, target: Vector, up: Vector, height: float = 300.0, size: Size = (512, 512)
     ) -> Camera:
         """Parallel view along target − eye; height: of the image, world units.
 
@@ -111,11 +114,11 @@ class Camera:
     @classmethod
     def orbit(
         cls,
-        subject: Bounded,
+        subject: Bounded | Any,
         azimuth: float = 0.0,
         elevation: float = 0.0,
         fov: float = 40.0,
-        size: tuple[int, int] = (512, 512),
+        size: Size = (512, 512),
         zoom: float = 1.0,
         up: Vector = (0.0, 0.0, 1.0),
     ) -> Camera:
@@ -142,7 +145,7 @@ class Camera:
         subject: Bounded,
         orbit: tuple[float, float],
         fov: float,
-        size: tuple[int, int],
+        size: Size,
         zoom: float,
         up: Vector,
         centred: bool = True,
@@ -167,7 +170,7 @@ class Camera:
         return cls.look_at(center + back * distance / zoom, center, top, fov, size)
 
     @classmethod
-    def of(cls, x: Any, size: tuple[int, int] | None = None) -> Camera:
+    def of(cls, x: Any, size: Size | None = None) -> Camera:
         """View of a VTK or PyVista camera, a PyVista plotter, or a VTK window or renderer.
 
         size: pixels; None: the plotter's or window's, or 512 × 512. Raises InputError for other objects.
@@ -185,7 +188,7 @@ class Camera:
             angle = float(np.degrees(2 * np.arctan(np.tan(np.radians(angle) / 2) * height / width)))
         return cls.look_at(*placed, angle, (width, height))
 
-    def parallel(self, subject: Bounded, height: float | None = None) -> Camera:
+    def parallel(self, subject: Bounded | Any, height: float | None = None) -> Camera:
         """Orthographic view from the same eye. height: world units; None: of the perspective picture at the centre of
         `subject`. Raises InputError for height ≤ 0, and for None if that centre is not in front of the eye.
         """
@@ -241,7 +244,10 @@ class Camera:
 
     def eye_from_points(self, points: np.ndarray) -> np.ndarray:
         """World points [..., 3] in eye axes, camera-relative, float64."""
-        return np.asarray((np.asarray(points, dtype=np.float64) - self.eye) @ self.eye_from_world.T)
+        places = np.asarray(points, dtype=np.float64)
+        if places.shape[-1:] != (3,):
+            raise expected("points", "[..., 3], x, y and z", f"shape {places.shape}")
+        return np.asarray((places - self.eye) @ self.eye_from_world.T)
 
     def slopes(self) -> tuple[np.ndarray, np.ndarray]:
         """Pixel centres along each image axis, [W] and [H]: slopes x/z (perspective), or eye x, y in world units."""
@@ -249,12 +255,12 @@ class Camera:
         pitch = self.extent / height
         return (np.arange(width) + 0.5 - width / 2) * pitch, (np.arange(height) + 0.5 - height / 2) * pitch
 
-    def resized(self, size: tuple[int, int]) -> Camera:
+    def resized(self, size: Size) -> Camera:
         """The same view with another number of pixels and the same vertical field of view."""
         return Camera(self.eye, self.eye_from_world, _size(size), self.extent, self.perspective)
 
 
-def _of_vtk(x: Any, size: tuple[int, int] | None) -> tuple[Any, tuple[int, int] | None]:
+def _of_vtk(x: Any, size: Any) -> tuple[Any, Any]:
     """Camera of a plotter, window or renderer, or `x` itself; and the pixels of its viewport, if known."""
     if not any(hasattr(getattr(x, "renderer", x), name) for name in ("GetRenderers", "GetActiveCamera")):
         return x, size
@@ -300,11 +306,11 @@ def _point(what: str, value: Vector) -> np.ndarray:
     return point
 
 
-def _size(size: tuple[int, int]) -> tuple[int, int]:
-    width, height = size
-    if not all(1 <= n <= MOST_PIXELS for n in size):
+def _size(size: Size) -> tuple[int, int]:
+    width, height = checked(SIZE, "size", size)
+    if max(width, height) > MOST_PIXELS:
         raise expected("size", f"a width and a height of at least 1 pixel, up to {MOST_PIXELS}", f"{width}×{height}")
-    return int(width), int(height)
+    return width, height
 
 
 def _axes(eye: Vector, target: Vector, up: Vector) -> np.ndarray:

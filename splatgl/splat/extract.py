@@ -6,13 +6,15 @@ bit-identical for any slab size.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Slab, Volume
 from splatgl.errors import InputError, expected
@@ -87,8 +89,8 @@ class Source:
 
 @overload
 def extract(
-    volume: Volume,
-    transfer: Transfer,
+    volume: Volume | Any,
+    transfer: Transfer | str | Path | Mapping[str, Any],
     threshold: float = 0.0,
     slab: int | None = None,
     progress: Progress | None = None,
@@ -98,12 +100,13 @@ def extract(
 
 
 @overload
-def extract(volume: Volume, transfer: Sequence[Transfer], threshold: float = 0.0) -> Scene: ...
+def extract(volume: Volume | Any, transfer: Sequence[Transfer | Any], threshold: float = 0.0) -> Scene: ...
 
 
+@public
 def extract(
-    volume: Volume,
-    transfer: Transfer | Sequence[Transfer],
+    volume: Volume | Any,
+    transfer: Transfer | Sequence[Transfer | Any] | Any,
     threshold: float = 0.0,
     slab: int | None = None,
     progress: Progress | None = None,

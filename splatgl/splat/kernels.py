@@ -21,6 +21,7 @@ from typing import Protocol
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.errors import expected
 
 
@@ -92,6 +93,7 @@ class Gaussian:
         return 2 * self.partial(d, half_chord(self.radius, d))
 
 
+@public
 @dataclass(frozen=True)
 class PiecewiseCubic:
     """g as cubics in r between knots: pieces[i] = (c0, c1, c2, c3) holds up to knots[i]."""
@@ -223,6 +225,7 @@ def require_built_in(name: str) -> None:
         raise expected("--kernel", "a built-in one, with --workers or --scheduler", name)
 
 
+@public
 def register_kernel(shape: Kernel) -> None:
     """Registers a kernel for `Settings(kernel=shape.name)` and the commands of this process.
 

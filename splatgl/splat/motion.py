@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
@@ -26,6 +27,7 @@ NEAREST = 1e-2
 AHEAD, FAR = 1.1, 16.0
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Scene motion per frame; all parts are optional and combine.

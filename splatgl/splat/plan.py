@@ -10,6 +10,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from splatgl.coercion import public
 from splatgl.errors import expected
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import Window, clip_behind_eye, eye_is_near, screen_bounds
@@ -260,10 +261,11 @@ class Plan:
         return "\n".join([*lines, *self.notes])
 
 
+@public
 def plan(
-    splats: Splats,
-    camera: Camera,
-    settings: Settings | None = None,
+    splats: Splats | Any,
+    camera: Camera | Any,
+    settings: Settings | Any | None = None,
     motion: Motion | None = None,
     tiles: bool | None = False,
 ) -> Plan:

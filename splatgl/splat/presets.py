@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.readers.common import FIELD, is_field
@@ -281,7 +283,8 @@ def presets() -> dict[str, str]:
     return {name: preset.about for name, preset in PRESETS.items()}
 
 
-def preset(name: str, volume: Volume) -> Transfer:
+@public
+def preset(name: str, volume: Volume | Any) -> Transfer:
     """Transfer function of a preset for a volume's values. Raises InputError for an unknown name."""
     chosen = preset_named(name)
     return build_transfer(chosen, statistics(volume), volume)
@@ -324,7 +327,8 @@ def logarithmic_transfer(base: Transfer, volume: Volume) -> Transfer:
     return replace(base, points=points, window=(low, high) if low < high else None, scale="log")
 
 
-def default_transfer(volume: Volume) -> Transfer:
+@public
+def default_transfer(volume: Volume | Any) -> Transfer:
     """Default transfer function: from the volume's hints, else from its values; of labels, from their colours."""
     if volume.labels is not None:
         return label_transfer(volume)

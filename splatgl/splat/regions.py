@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from splatgl.coercion import public
 from splatgl.data.color import linear_from_srgb, srgb_of_name
 from splatgl.errors import InputError, expected
 
@@ -43,6 +44,7 @@ COLOR, OPACITY = "#ffffff", 0.5
 REGION_FORM = "SHAPE:VALUE,VALUE,GRADIENT,GRADIENT[:COLOR[:OPACITY]]"
 
 
+@public
 @dataclass(frozen=True)
 class Region:
     """Matter in part of the plane of values and gradient magnitudes, in values per world length.

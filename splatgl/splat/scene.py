@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.affine import METRES, World
 from splatgl.data.caps import cap_meshes
 from splatgl.data.color import CHANNEL_COLORS, color_of_dye
@@ -101,6 +102,7 @@ def channel_transfers(
 MOST_LAYERS = 8
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class Layer:
     """A volume and its appearance. transfer: None: the default one. opacity: factor from 0 to 1 of the transfer
@@ -110,8 +112,8 @@ class Layer:
     only_slices: whether slices and caps alone show it.
     """
 
-    volume: Volume
-    transfer: Transfer | None = None
+    volume: Volume | Any
+    transfer: Transfer | Any | None = None
     opacity: float = 1.0
     visible: bool = True
     threshold: float = 0.0
@@ -176,6 +178,7 @@ class Layer:
         return self.transfer.weakened(self.opacity)
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Layers and meshes of one picture, in any order. layers: or volumes, with default transfer functions. clip:
@@ -187,7 +190,7 @@ class Scene:
     layer, and as `surfaces`.
     """
 
-    layers: Sequence[Layer | Volume]
+    layers: Sequence[Layer | Volume | Any]
     clip: str | Sequence[Any] = ()
     meshes: Sequence[Mesh] = ()
     slices: Sequence[Slice | str] = ()
@@ -206,7 +209,7 @@ class Scene:
         object.__setattr__(self, "layers", tuple(part for layer in layers for part in layer.placed(*world).parts()))
         if not 1 <= len(self.shown) <= MOST_LAYERS:
             raise expected("layers", f"1 to {MOST_LAYERS} that are visible", len(self.shown))
-        planes = parse_planes(self.clip, Box.of(layer.volume for layer in self.shown)) if self.clip else ()
+        planes = parse_planes(self.clip, Box.of(layer.volume for layer in self.shown)) if len(self.clip) else ()
         own = [parse_planes(x.clip, Box.of([x.volume])) if x.clip is not None else planes for x in self.shown]
         object.__setattr__(self, "planes", tuple(own))
         meshes = [mesh.placed(*world) for mesh in self.meshes]

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.affine import World
 from splatgl.data.volume import Places, with_parts
 from splatgl.errors import expected
@@ -36,6 +37,7 @@ CELLS = 512
 VIEW = ("eye", "look_at", "up", "fov", "height", "aspect")
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class Scissors:
     """outline: corners (x, y), as shares of the picture's width and height from its upper left corner; or text.

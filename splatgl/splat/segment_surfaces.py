@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
@@ -40,8 +41,9 @@ SLAB = 16
 BYTES = 14
 
 
+@public
 def surfaces(
-    volume: Volume, transfer: Transfer | None = None, smoothing: float = SMOOTHING, closed: bool = True
+    volume: Volume | Any, transfer: Transfer | Any | None = None, smoothing: float = SMOOTHING, closed: bool = True
 ) -> tuple[Mesh, ...]:
     """Closed surfaces of all visible labels that have voxels, with their colours, names and opacities, in the order of
     their numbers. Adjacent surfaces share the vertices of their border.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.color import AUTO, BACKGROUNDS, Color, read_background
 from splatgl.errors import expected
 from splatgl.options import (
@@ -155,6 +156,7 @@ def read_kernel(text: str) -> str:
     return import_kernel(text) if ":" in text else text
 
 
+@public
 @dataclass(frozen=True)
 class Settings:
     """Settings of a picture; `splatgl/docs/settings.md` explains the values of each. Raises InputError for others.

@@ -19,6 +19,7 @@ from weakref import WeakKeyDictionary, ref
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
 from splatgl.errors import expected
 from splatgl.splat.camera import Bounded, Part
@@ -228,6 +229,7 @@ DEPTHS = 2**18
 BRIGHTEST = 1e30
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class Splats:
     """Splats in row order: z, then y, then x ascending.
@@ -436,6 +438,8 @@ class Splats:
 
     def part(self, keep: np.ndarray, among_all: bool = False) -> Splats:
         """The splats where `keep` [N] is True. among_all: `runs` still counts the others as neighbours."""
+        if keep.shape != (len(self),) or keep.dtype != bool:
+            raise expected("keep", f"true or false for each of {len(self)} splats", f"{keep.dtype} {keep.shape}")
         index = np.flatnonzero(keep)
         row = np.searchsorted(self.row_start, index, side="right") - 1
         row_z, row_y, row_start = index_rows(self.row_y[row], self.row_z[row])

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from splatgl.coercion import public
 from splatgl.data.color import linear_from_srgb, srgb_of_name
 from splatgl.data.volume import PER_EXTENT, Volume
 from splatgl.errors import InputError, expected
@@ -26,7 +27,15 @@ from splatgl.options import (
     read_pairs,
     refuse_unknown,
 )
-from splatgl.splat.colormaps import SOLID, check_labels, colormap, interpolate_map, label_color, label_opacity
+from splatgl.splat.colormaps import (
+    SOLID,
+    check_labels,
+    colormap,
+    colormap_name,
+    interpolate_map,
+    label_color,
+    label_opacity,
+)
 from splatgl.splat.iso import FORM, check_iso, read_iso
 from splatgl.splat.regions import REGION_FORM, Region, check_regions, extinction_of, matter_at
 
@@ -75,15 +84,21 @@ def _unit(value: Any) -> Any:
 
 
 def _colormap(name: Any) -> str:
+    """The name of a map, also of sRGB colours [N, 3] from 0 to 1, or of whole numbers from 0 to 255."""
     if not isinstance(name, str):
-        raise ValueError
+        colors = np.asarray(name)
+        rgb = colors / (255 if colors.dtype.kind in "iu" else 1)
+        if rgb.ndim != 2 or len(rgb) < 2 or rgb.shape[1] != 3 or not ((rgb >= 0) & (rgb <= 1)).all():
+            raise ValueError
+        name = colormap_name(np.linspace(0, 1, len(rgb)), rgb)
     colormap(name)
-    return name
+    return str(name)
 
 
 _option = partial(option, group=Group.TRANSFER)
 
 
+@public
 @dataclass(frozen=True)
 class Transfer:
     """t = F(∇, ρ) = opacity(ρ) · weight(|∇|), and the colour of ρ.
@@ -119,7 +134,7 @@ class Transfer:
     )
     colormap: str = _option(
         "gray",
-        Kind("a name", _colormap, str, "NAME", hint="str"),
+        Kind("a name, or sRGB colours [N, 3]", _colormap, str, "NAME", hint="str | Sequence[Numbers] | np.ndarray"),
         "gray, bone, hot, viridis, …. Or any map of cmap or Matplotlib",
         level="basic",
     )

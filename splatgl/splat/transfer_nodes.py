@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.color import srgb_of_name
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
@@ -68,7 +69,8 @@ class Level(NamedTuple):
         return stats.percentile(self.number)
 
 
-def opacity_curve(text: str, volume: Volume | None = None, scale: str = "linear") -> Nodes:
+@public
+def opacity_curve(text: str, volume: Volume | Any | None = None, scale: str = "linear") -> Nodes:
     """Nodes (value, opacity) of a curve `SHAPE[:VALUES[:OPACITY]]`, for `Transfer(points=…)`.
 
     SHAPE: step (opaque from a value on), ramp, sigmoid (a ramp with smooth ends), gate (opaque from the first value to
@@ -176,6 +178,21 @@ def color_map(points: ColorPoints, scale: str = "linear") -> tuple[str, tuple[fl
     return colormap_name(places, np.array(colors) / 255), (low, high)
 
 
+def color_code(what: str, color: Any) -> str:
+    """#rrggbb of a name, or of sRGB (r, g, b) from 0 to 1. Raises InputError for others."""
+    try:
+        if isinstance(color, str):
+            return "#{:02x}{:02x}{:02x}".format(*srgb_of_name(color.strip()))
+        rgb = np.asarray(color, dtype=np.float64)
+        if rgb.shape != (3,) or not ((rgb >= 0) & (rgb <= 1)).all():
+            raise ValueError
+        return "#" + bytes(np.rint(rgb * 255).astype(np.uint8)).hex()
+    except (TypeError, ValueError):
+        is_name = isinstance(color, str)
+        this = "#rgb, #rrggbb or a CSS name such as red" if is_name else "a name, or sRGB (r, g, b) from 0 to 1"
+        raise expected(what, this, repr(color)[:80]) from None
+
+
 def read_color_points(colors: Any, stats: Statistics | None) -> ColorPoints:
     """Colour points of text VALUE:COLOUR,… or of (value, colour) pairs; values may be P%. Raises InputError."""
     form = "VALUE:COLOUR,…, such as 60:red,120:#ffd0a0"
@@ -183,13 +200,9 @@ def read_color_points(colors: Any, stats: Statistics | None) -> ColorPoints:
     points = []
     for pair in pairs if isinstance(pairs, Sequence) else ():
         match pair:
-            case [str() | int() | float() as value, str() as name]:
-                try:
-                    rgb = srgb_of_name(name.strip())
-                except ValueError:
-                    raise expected("colors", "#rgb, #rrggbb or a CSS name such as red", repr(name[:80])) from None
+            case [str() | int() | float() as value, name]:
                 level = Level.read("colors", str(value)).value("colors", stats)
-                points.append((level, "#{:02x}{:02x}{:02x}".format(*rgb)))
+                points.append((level, color_code("colors", name)))
             case _:
                 raise expected("colors", form, repr(colors)[:80])
     if not points:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.mesh import SIDES, Mesh
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import expected
@@ -32,8 +33,9 @@ class Lines:
     speeds: list[np.ndarray]
 
 
+@public
 def streamlines(
-    volume: Volume,
+    volume: Volume | Any,
     count: int = LINE_COUNT,
     radius: float | None = None,
     colormap: str = COLORMAP,
@@ -140,8 +142,9 @@ LENGTH = 2.0
 ARROW_COUNT = 400
 
 
+@public
 def arrows(
-    volume: Volume,
+    volume: Volume | Any,
     count: int = ARROW_COUNT,
     length: float | None = None,
     colormap: str = COLORMAP,
@@ -289,14 +292,16 @@ def _speed_look(speed: np.ndarray, greatest: float, name: str) -> dict[str, Any]
     return {"values": values, "colormap": name, "window": (0.0, greatest), "quantity": "speed"}
 
 
-def magnitudes(volume: Volume) -> Volume:
+@public
+def magnitudes(volume: Volume | Any) -> Volume:
     """Volume of the lengths of a volume's vectors. Raises InputError for a volume without vectors."""
     field = VectorField.of(volume)
     name = f"{volume.name}: magnitude"
     return replace(volume, samples=field.speed.astype(np.float32), color=None, labels=None, hints=Hints(), name=name)
 
 
-def directions(volume: Volume) -> Volume:
+@public
+def directions(volume: Volume | Any) -> Volume:
     """Volume of the lengths of a volume's vectors, coloured by direction: red, green and blue are the shares along
     world x, y and z, as in diffusion imaging; opposite directions have the same colour. Raises InputError as
     `magnitudes`.

@@ -23,7 +23,7 @@ from traitlets import Unicode
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.options import declared, names_of, refuse_unknown
-from splatgl.scene.api import TRANSFER
+from splatgl.scene.groups import TRANSFER
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.camera import Camera

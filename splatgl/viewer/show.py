@@ -11,12 +11,14 @@ from importlib.util import find_spec
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Unpack
 
+from splatgl.coercion import is_instance, public
 from splatgl.data.image import Image
 from splatgl.errors import InputError
 from splatgl.fileio import within
-from splatgl.options import with_keywords
+from splatgl.options import OptionGroup
 from splatgl.platforms import has_display
-from splatgl.scene.api import KEYWORDS, is_splats, picture, scene_of
+from splatgl.scene.api import picture, scene_of
+from splatgl.scene.groups import ungrouped, with_groups
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
@@ -29,12 +31,13 @@ if TYPE_CHECKING:
     from splatgl.viewer.notebook import View
 
 
-@with_keywords(KEYWORDS)
+@with_groups()
+@public
 def show(
     x: Any,
-    transfer: Transfer | str | Mapping[str, Any] | None = None,
-    camera: Camera | None = None,
-    settings: Settings | None = None,
+    transfer: Transfer | OptionGroup | str | Mapping[str, Any] | None = None,
+    camera: Camera | OptionGroup | Any | None = None,
+    settings: Settings | OptionGroup | Any | None = None,
     **options: Unpack[RenderKeywords],
 ) -> View | Image | None:
     """Shows `x`; the arguments are those of `render`.
@@ -50,18 +53,19 @@ def show(
     """
     if isinstance(x, Image):
         return x
-    scene, memory = scene_of(x, transfer, camera, settings, options)
+    given, (transfer, camera, settings) = ungrouped(options, transfer, camera, settings)
+    scene, memory = scene_of(x, transfer, camera, settings, given)
     if in_notebook():
-        if not is_splats(x) and find_spec("jupyter_rfb"):
+        if not is_instance(x, "Splats") and find_spec("jupyter_rfb"):
             from splatgl.viewer.notebook import Session, View
 
             return View(Session(scene))
-        if not is_splats(x):
+        if not is_instance(x, "Splats"):
             print('for a view that the mouse turns: pip install "splatgl[notebook]"')
         return picture(x, scene, memory)
-    if not is_splats(x) and has_display():
+    if not is_instance(x, "Splats") and has_display():
         with within(memory):
-            _window(scene, "size" in options or camera is not None)
+            _window(scene, "size" in given or camera is not None)
         return None
     image = picture(x, scene, memory)
     print('no display: save the picture by image.save("picture.png")')

@@ -17,7 +17,8 @@ from splatgl.cli.main import main
 from splatgl.data.halving import halve_volume
 from splatgl.errors import InputError
 from splatgl.options import declared, flag_name
-from splatgl.scene.api import KEYWORDS, scene_of
+from splatgl.scene.api import scene_of
+from splatgl.scene.groups import PLAIN
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
@@ -209,7 +210,7 @@ def check(kind: str, folder: Path) -> None:
     x = SUBJECTS[kind](folder)
     base = draw(x, folder)
     table = {**values(), **{keyword: value for (of, keyword), value in OTHER.items() if of == kind}}
-    silent = [keyword for keyword in KEYWORDS if not effect(base, x, folder, keyword, table[keyword])]
+    silent = [keyword for keyword in PLAIN if not effect(base, x, folder, keyword, table[keyword])]
     assert silent == []
 
 
@@ -247,7 +248,7 @@ def test_keywords_with_what_they_need(keyword: str, tmp_path: Path) -> None:
 
 
 def test_the_table_has_every_keyword() -> None:
-    assert values().keys() == KEYWORDS.keys()
+    assert values().keys() == PLAIN.keys()
 
 
 @pytest.mark.parametrize("x", [field(), volume()], ids=["array", "volume"])
@@ -335,7 +336,7 @@ def test_options_of_the_command_are_keywords() -> None:
         for name, o in declared(record).items()
         if o.group
     }
-    assert flags <= KEYWORDS.keys()
+    assert flags <= PLAIN.keys()
 
 
 def amounts(folder: Path) -> str:

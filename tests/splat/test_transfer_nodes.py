@@ -76,7 +76,7 @@ def test_shapes_are_known_by_their_nodes() -> None:
     [
         ("tnt:1,2", r"curve: expected SHAPE\[:VALUES\[:OPACITY\]\] .* got 'tnt:1,2'; did you mean tent\?"),
         ("ramp:1,2:0.5:7", "curve: expected SHAPE"),
-        (5, "curve: expected SHAPE.*, got 5"),
+        (5, "text: expected text, got 5"),
         ("step:1,2", "curve: expected one value for step, got '1,2'"),
         ("ramp:1", "curve: expected two values for ramp, got '1'"),
         ("band:140,100", "curve: expected the lower value of band first, and another one, got 140,100"),

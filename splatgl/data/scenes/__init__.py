@@ -17,6 +17,7 @@ from functools import partial
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.scenes.nerve_model import nerve
 from splatgl.data.scenes.terrain_model import terrain
 from splatgl.data.volume import Hints, Triple, Volume
@@ -82,6 +83,7 @@ def balls() -> Volume:
     return _sample_formula("balls", SIZE, 1, ((0.3, 0.0), (0.7, 0.6)))
 
 
+@public
 def sinusoids(ratio: int = 1) -> Volume:
     """A product of sinusoids: float32, 48×48 samples in at least two slices about `ratio` steps apart."""
     if not 1 <= ratio <= SIZE // 2:
@@ -140,11 +142,13 @@ def letter_f() -> Volume:
     return Volume(samples, name="letter-f", color=color, hints=hints)
 
 
+@public
 def constant(shape: Sequence[int] = (32, 32, 32), value: float = 1.0) -> Volume:
     """A constant volume: float32 [D, H, W] of `shape`."""
     return Volume(np.full(tuple(shape), value, np.float32), name="constant")
 
 
+@public
 def single_voxel(size: int = 1) -> Volume:
     """One voxel of value 1 among zeros: float32 [size, size, size], centred at the world's origin."""
     if size < 1 or size % 2 == 0:
@@ -156,6 +160,7 @@ def single_voxel(size: int = 1) -> Volume:
     return Volume(samples, origin=(corner, corner, corner), name="single voxel", hints=hints)
 
 
+@public
 def ball(
     radius: float = 30.0, spacing: Triple = (1.0, 1.0, 1.0), direction: np.ndarray | None = None, smooth: bool = True
 ) -> Volume:
@@ -195,6 +200,7 @@ RED, WHITE = (220, 20, 20), (250, 250, 250)
 TUNNEL_EYE = 8.0
 
 
+@public
 def tunnel(check: int = 10) -> Volume:
     """A tube of red and white checks along z, 160×160×300 voxels, 0.69 million of them wall.  [M98 §3.5 / Fig. 5]
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.volume import Hints, Volume
 
 # voxels along z, y, x
@@ -50,6 +51,7 @@ class Capsule:
     light: float = 1.0
 
 
+@public
 def nerve(seed: int = 11) -> Volume:
     """A nerve cell, 512×512×76 voxels of spacing 1.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from splatgl.coercion import public
 from splatgl.data.volume import Hints, Volume
 
 # voxels along z, y, x
@@ -37,6 +38,7 @@ DEEP, SHALLOW, SAND, GRASS, MEADOW = (18, 44, 74), (46, 98, 116), (190, 172, 128
 FOREST, SOIL, ROCK, SCREE, SNOW = (44, 70, 38), (128, 102, 72), (112, 102, 94), (150, 142, 132), (246, 248, 252)
 
 
+@public
 def terrain(seed: int = 7) -> Volume:
     """Mountains, valleys and a lake, 512×512×103 voxels, z up.
 
