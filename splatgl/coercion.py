@@ -97,9 +97,11 @@ def _made(name: str, this: str, place: str) -> Form:
 _NUMBERS = _fitting("some numbers", _has_numbers)
 _ARRAY = Form("an array of numbers", _take_array)
 # classes whose objects stay as they are, and descriptions that are not their names
-_CLASSES = ("Bricks", "Camera", "Drawing", "Image", "Layer", "LoadOptions", "Mesh", "Motion", "OptionGroup", "Points")
+_CLASSES = (
+    *("Bricks", "Camera", "Drawing", "Image", "Layer", "LoadOptions", "Mesh", "Motion", "OptionGroup", "Points"),
+    *("Scene", "Settings", "Slice", "Splats", "Transfer", "Volume", "World"),
+)
 _NAMED = {"OptionGroup": "a group of options such as View", "Image": "an Image", "Settings": "Settings"}
-_CLASSES += ("Scene", "Settings", "Slice", "Splats", "Transfer", "Volume", "World")
 _SUBJECTS = "splatgl.splat.subjects"
 FORMS = {
     "None": _fitting("None", lambda value: value is None),
