@@ -74,7 +74,7 @@ def animate(
         raise expected("animate", "volumes, arrays or files", "an empty list" if not items else "splats or a scene")
     if "camera" in options:
         raise expected("animate", "a view", "a camera", "name its azimuth, elevation and zoom, or eye and look_at")
-    options_given, (transfer, settings) = ungrouped(options, transfer, settings)
+    options_given, (look, base) = ungrouped(options, transfer, settings)
     given = {name: options_given[name] for name in OWN if name in options_given}
     by = WorkerOptions(**{name: given.pop(name) for name in names_of(WorkerOptions) if name in given})
     rest = {name: value for name, value in options_given.items() if name not in OWN and not isinstance(value, slice)}
@@ -82,7 +82,7 @@ def animate(
     if bits not in (8, 16):
         raise expected("bits", "8 or 16", repr(bits))
     check_fps(fps, "fps")
-    found = [scene_of(item, transfer, None, settings, rest) for item in items]
+    found = [scene_of(item, look, None, base, rest) for item in items]
     scenes, memory = [scene for scene, _ in found], found[0][1]
     timeline, fps = timeline_of(scenes[0], Timeline(**given), fps)
     scenes = [with_blur(scene, options_given.get("shutter")) for scene in scenes]

@@ -57,14 +57,14 @@ def depth_map(
     "max" or "min": the depth of the largest or least value; None: ½, or the value that mip and minip show. Needs no
     OpenGL. Raises InputError like `render`, and for splats and volumes that are read in parts.
     """
-    given, (transfer, camera, settings) = ungrouped(options, transfer, camera, settings)
+    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
     if is_instance(x, "Splats"):
         raise expected("depths", "a volume, an array, a file or a scene", "splats")
     if is_scene(x):
-        _refuse_transfer(transfer)
-        layers, view, look, _ = view_of(x, camera, settings, given)
-        return depths_of(layers, view, look, at)
-    scene = OpenScene.read(scene_of(x, transfer, camera, settings, given)[0])
+        _refuse_transfer(look)
+        layers, seen, drawn, _ = view_of(x, view, base, given)
+        return depths_of(layers, seen, drawn, at)
+    scene = OpenScene.read(scene_of(x, look, view, base, given)[0])
     # the planes of the settings are the scene's
     return depths_of(scene.scene, scene.camera, replace(scene.file.settings, clip=()), at)
 
@@ -99,11 +99,11 @@ def render(
     image.save("head.png")
     ```
     """
-    given, (transfer, camera, settings) = ungrouped(options, transfer, camera, settings)
+    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
     if is_scene(x):
-        _refuse_transfer(transfer)
-        return picture_of(x, camera, settings, given)
-    scene, memory = scene_of(x, transfer, camera, settings, given)
+        _refuse_transfer(look)
+        return picture_of(x, view, base, given)
+    scene, memory = scene_of(x, look, view, base, given)
     return picture(x, scene, memory)
 
 

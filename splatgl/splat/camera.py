@@ -175,10 +175,10 @@ class Camera:
 
         size: pixels; None: the plotter's or window's, or 512 × 512. Raises InputError for other objects.
         """
-        camera, size = _of_vtk(x, size)
+        camera, pixels = _of_vtk(x, size)
         if not (hasattr(camera, "GetFocalPoint") and hasattr(camera, "GetParallelScale")):
             raise expected("camera", "a camera of VTK or PyVista, or a plotter", f"a {type(x).__name__}")
-        width, height = size or (512, 512)
+        width, height = _size(pixels or (512, 512))
         placed = (camera.GetPosition(), camera.GetFocalPoint(), camera.GetViewUp())
         if camera.GetParallelProjection():
             # VTK's parallel scale is half of the height

@@ -53,8 +53,8 @@ def show(
     """
     if isinstance(x, Image):
         return x
-    given, (transfer, camera, settings) = ungrouped(options, transfer, camera, settings)
-    scene, memory = scene_of(x, transfer, camera, settings, given)
+    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
+    scene, memory = scene_of(x, look, view, base, given)
     if in_notebook():
         if not is_instance(x, "Splats") and find_spec("jupyter_rfb"):
             from splatgl.viewer.notebook import Session, View
@@ -65,7 +65,7 @@ def show(
         return picture(x, scene, memory)
     if not is_instance(x, "Splats") and has_display():
         with within(memory):
-            _window(scene, "size" in given or camera is not None)
+            _window(scene, "size" in given or view is not None)
         return None
     image = picture(x, scene, memory)
     print('no display: save the picture by image.save("picture.png")')
