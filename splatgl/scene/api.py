@@ -192,8 +192,6 @@ def _transfer(transfer: Any) -> dict[str, Any]:
     return dict(transfer or {})
 
 
-# arguments of `render` beside its options
-ARGUMENTS = ("transfer", "camera", "settings")
 # options of the view of a scene of layers
 ORBIT = ("azimuth", "elevation", "fov", "size", "zoom", "up")
 
@@ -256,11 +254,17 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
     return finish(image, x, base.ground)
 
 
-def camera_of(x: Any, options: Mapping[str, Any]) -> Camera:
-    """Returns the camera of `render`, with its arguments by their names; draws nothing."""
-    transfer, camera, settings = (options.get(name) for name in ARGUMENTS)
-    rest = {name: value for name, value in options.items() if name not in ARGUMENTS}
+@public
+def camera_of(
+    x: Any,
+    transfer: Transfer | OptionGroup | str | Mapping[str, Any] | None = None,
+    camera: Camera | OptionGroup | Any | None = None,
+    settings: Settings | OptionGroup | Any | None = None,
+    **options: Any,
+) -> Camera:
+    """Returns the camera of `render` with the same arguments; draws nothing."""
+    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
     if is_scene(x):
-        return view_of(x, camera, settings, rest)[1]
-    file, _ = scene_of(x, transfer, camera, settings, rest)
+        return view_of(x, view, base, given)[1]
+    file, _ = scene_of(x, look, view, base, given)
     return file.view.camera(x, x) if is_instance(x, "Splats") else OpenScene.read(file).camera

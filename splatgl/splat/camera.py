@@ -137,7 +137,7 @@ class Camera:
         """The camera of `sg.render(x, **options)`. Raises InputError as `sg.render`."""
         from splatgl.scene.api import camera_of
 
-        return camera_of(x, options)
+        return camera_of(x, **options)
 
     @classmethod
     def around(

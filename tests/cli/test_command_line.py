@@ -23,7 +23,7 @@ from splatgl.cli.parser import Parser
 from splatgl.errors import InputError
 from splatgl.options import MEANINGS, nearest
 from splatgl.scene.api import scene_of
-from splatgl.scene.groups import PLAIN
+from splatgl.scene.groups import GROUPS, PLAIN
 from splatgl.scene.scene_file import SceneFile
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
@@ -619,7 +619,7 @@ ELSEWHERE |= {"gpu", "workers", "scheduler", "devices", "help", "help_all", "sam
 
 def test_every_option_of_a_picture_is_a_keyword() -> None:
     """By the name of its flag; what is written, or which OpenGL draws, is no keyword of a picture in memory."""
-    shown = PLAIN.keys() & signature(sg.render).parameters.keys()
+    shown = signature(sg.render).parameters.keys() - (GROUPS.keys() - PLAIN.keys())
     names = {flag.removeprefix("--").replace("-", "_") for flag in command("render").flags.values()}
     assert names - {*shown} == ELSEWHERE
     for function in (sg.show, sg.depth_map, sg.animate):
