@@ -17,12 +17,12 @@ from splatgl.data.scenes import ball
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import InputError, expected
 from splatgl.gl.context import ContextInfo, context_info, egl_devices, open_context
-from splatgl.gl.large_volumes import render_slabs
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.selfcheck import Check, run_checks
 from splatgl.platforms import BACKENDS
 from splatgl.readers import load
 from splatgl.readers.contents import identify
+from splatgl.splat.bricks import required_bricks
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.motion import Motion
@@ -35,8 +35,6 @@ PACKAGES = ("splatgl", "moderngl", "numpy", "glfw", "pyrr", "Pillow")
 MAX_ERROR, VOXELS, SIDE = 1e-3, 10, 24
 # so few degrees that its streaks equal the still image
 TURNING = Motion(spin=np.array([0.0, 0.0, 0.001]))
-# bytes for splats: so few that a volume is drawn in bricks
-FEW_BYTES = 1 << 20
 BRICKS = "bricks"
 
 
@@ -201,7 +199,8 @@ def _check_image(
     try:
         if name == BRICKS:
             assert isinstance(subject, Volume)
-            drawn = render_slabs(subject, default_transfer(subject), camera, settings, FEW_BYTES, renderer=renderer)
+            bricks = required_bricks(subject, default_transfer(subject), settings)
+            drawn = renderer.render_bricks(bricks, camera, settings)
         else:
             drawn = renderer.render(splats, camera, settings, motion, verify_bound=False)
     except Exception as error:

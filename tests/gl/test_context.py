@@ -351,14 +351,6 @@ def test_doctor_says_when_a_check_can_not_be_drawn(monkeypatch: pytest.MonkeyPat
     assert not ok and text.endswith("pictures are WRONG on this driver: the framebuffer is not complete")
 
 
-def test_the_doctors_bricks_are_bricks() -> None:
-    need("egl")
-    volume, settings, _ = doctor._images(tiles=True)["bricks"]
-    camera = sg.Camera.orbit(volume, size=(doctor.SIDE,) * 2)
-    drawn = sg.render_slabs(volume, sg.default_transfer(volume), camera, settings, doctor.FEW_BYTES)
-    assert drawn.info["bricks"] > 0
-
-
 def test_doctor_without_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(name: str, device: int | None, require_gpu: bool) -> moderngl.Context:
         raise BackendError("nothing here")

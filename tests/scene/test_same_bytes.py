@@ -18,6 +18,7 @@ from splatgl.viewer.document import Document
 from splatgl.viewer.saving import save_picture, scene_of
 from splatgl.viewer.state import State
 from tests.helpers.doors import command
+from tests.helpers.memory import allow_any_memory
 
 LIBRARIES = {".tif": "tifffile", ".exr": "OpenEXR", ".pdf": "matplotlib", ".svg": "matplotlib", ".mp4": "av"}
 LIBRARIES[".webm"] = "av"
@@ -149,7 +150,8 @@ def test_accuracy_on_demand_is_that_of_the_command(look: str, capsys: pytest.Cap
         assert accuracy.comparisons[0] in said and str(accuracy).endswith(accuracy.comparisons[0])
 
 
-def test_accuracy_of_a_renderer_of_bricks_and_of_files(renderer: Renderer) -> None:
+def test_accuracy_of_a_renderer_of_bricks_and_of_files(renderer: Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    allow_any_memory(monkeypatch)
     volume = sg.load("ball.npy")
     splats = sg.extract(volume, sg.default_transfer(volume))
     camera = sg.Camera.orbit(volume, size=(24, 24))

@@ -12,7 +12,7 @@ import pytest
 import splatgl as sg
 from splatgl.data.volume import Volume
 from splatgl.splat.presets import default_transfer
-from splatgl.splat.statistics import ground_of, sampled_steps, spread, statistics
+from splatgl.splat.statistics import ground_of, mean_deviation, sampled_steps, statistics
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
 # offset, noise (standard deviation), least Jaccard index of what is kept, relative to the best of any threshold
@@ -147,7 +147,7 @@ def test_hot_voxels_do_not_spread_values() -> None:
     small[33, 8:12, 8:12] = 30000
     large[:] = np.where(abs(z - 30) < 4, 900, 0)
     order = (bad, empty, empty + 60000, hot, small, large)
-    spreads = [spread(Volume(samples)) for samples in order]
+    spreads = [mean_deviation(Volume(samples)) for samples in order]
     assert spreads[:3] == [0, 0, 0] and spreads[3:] == sorted(spreads[3:]) and spreads[3] > 0
-    assert spread(Volume(np.array([[[-1e308, 1e308, np.inf]]]))) == np.inf
+    assert mean_deviation(Volume(np.array([[[-1e308, 1e308, np.inf]]]))) == np.inf
     assert sampled_steps(2) == [0, 1] and sampled_steps(1000) == [0, 250, 500, 749, 999]

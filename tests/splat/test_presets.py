@@ -111,9 +111,9 @@ def test_every_door_says_that_a_volume_is_constant(
         printed = capsys.readouterr()
         assert told in printed.out + printed.err
     for source in (file, samples):
-        image = sg.render(source, size=(24, 24))
+        image = sg.render(source, size=(24, 24), background="transparent")
         assert told in image.info["notes"] and image.pixels[..., 3].max() < 0.95
-        assert sg.render(source, size=(24, 24), blend="mip").pixels[..., 3].max() > 0.9
+        assert sg.render(source, size=(24, 24), blend="mip", background="transparent").pixels[..., 3].max() > 0.9
     document = Document.open(SceneFile(str(file)), quiet=True)
     assert _first_note(document) == told
     other = samples.copy()

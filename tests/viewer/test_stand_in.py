@@ -9,8 +9,9 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.halving import subsample
+from splatgl.fileio import PROCESS
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.bricks import EACH, FIXED, SAMPLE
+from splatgl.splat.bricks import EACH, SAMPLE
 from splatgl.splat.settings import Settings
 from splatgl.viewer import stand_in
 from splatgl.viewer.adaptive_quality import STRIDES
@@ -32,7 +33,7 @@ def volume() -> sg.Volume:
 
 def allow(splats: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Room for so many splats, and little more."""
-    monkeypatch.setattr(stand_in, "budget", lambda: int(FIXED + SAMPLE * stand_in.PIXELS + (EACH + 4) * splats))
+    monkeypatch.setattr(stand_in, "budget", lambda: int(PROCESS + SAMPLE * stand_in.PIXELS + (EACH + 4) * splats))
 
 
 def test_what_fits_is_shown_whole(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
