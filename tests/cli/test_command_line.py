@@ -49,7 +49,9 @@ def ended(arguments: list[str]) -> Any:
 
 
 def command(name: str) -> Parser:
-    return _command_of(_parser([name]), name)
+    found = _command_of(_parser([name]), name)
+    assert found is not None
+    return found
 
 
 # --- without a command -----------------------------------------------------------------------------------------------

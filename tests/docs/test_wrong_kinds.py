@@ -144,12 +144,12 @@ def test_functions_take_what_render_takes() -> None:
     ("call", "line"),
     [
         (lambda: sg.default_transfer("f"), "^f: path: expected a file, got no such file"),
-        (lambda: sg.Camera.orbit(BALL, azim=3), r"got azim; did you mean azimuth\?"),
-        (lambda: sg.Settings(tolerence=1), r"got tolerence; did you mean tolerance\?"),
+        (lambda: sg.Camera.orbit(BALL, azim=3), r"got azim; did you mean azimuth\?"),  # type: ignore[call-arg]
+        (lambda: sg.Settings(tolerence=1), r"got tolerence; did you mean tolerance\?"),  # type: ignore[call-arg]
         (lambda: sg.render(BALL, width=200), r"width: .* got 200; did you mean size 200, in pixels\?"),
-        (lambda: sg.render(BALL, bg="red"), r"got bg; did you mean background\?"),
-        (lambda: sg.View(cmap="hot"), "View: .* got cmap"),
-        (lambda: sg.Look(cmap="hot"), r"got cmap; did you mean colormap\?"),
+        (lambda: sg.render(BALL, bg="red"), r"got bg; did you mean background\?"),  # type: ignore[call-arg]
+        (lambda: sg.View(cmap="hot"), "View: .* got cmap"),  # type: ignore[call-arg]
+        (lambda: sg.Look(cmap="hot"), r"got cmap; did you mean colormap\?"),  # type: ignore[call-arg]
         (lambda: sg.View(azimuth="left"), "azimuth: expected one finite number, got 'left'"),
         (lambda: sg.render(BALL, look=sg.View()), "look: expected a Look, got a View"),
         (lambda: sg.render(BALL, cuts="x>0"), "cuts: expected a Cuts, got a str"),

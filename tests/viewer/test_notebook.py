@@ -123,7 +123,7 @@ def test_places_are_in_css_pixels(session: Timed) -> None:
 def test_the_widget(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
     monkeypatch.setattr(show, "in_notebook", lambda: True)
-    view = sg.show(volume, size=(96, 64))
+    view: Any = sg.show(volume, size=(96, 64))
     outputs: list[dict[str, Any]] = []
     monkeypatch.setattr(notebook, "display", lambda data, raw: outputs.append(data))
     view._ipython_display_()
@@ -159,7 +159,7 @@ def test_the_camera_and_the_settings_can_be_set(volume: sg.Volume, monkeypatch: 
     """The next frame is the picture of `render` with them; bad ones are refused and change nothing."""
     pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
     monkeypatch.setattr(show, "in_notebook", lambda: True)
-    view = sg.show(volume, size=(48, 32))
+    view: Any = sg.show(volume, size=(48, 32))
     camera = sg.Camera.orbit(volume, 100, -20, size=(7, 7))
     view.camera, view.settings = camera, view.settings.but(light="glossy")
     view.session.touched = -np.inf
@@ -179,7 +179,7 @@ def test_the_image_needs_no_browser(volume: sg.Volume, monkeypatch: pytest.Monke
     """It is the picture of the camera and the settings as they are, also before the view is displayed and in motion."""
     pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
     monkeypatch.setattr(show, "in_notebook", lambda: True)
-    view = sg.show(volume, size=(48, 32))
+    view: Any = sg.show(volume, size=(48, 32))
     assert np.array_equal(view.image.pixels, sg.render(volume, size=(48, 32)).pixels)
     assert view.image is view.image
     camera = sg.Camera.orbit(volume, 100, -20, size=(48, 32))
@@ -203,7 +203,7 @@ def test_layers_of_another_frame(volume: sg.Volume, monkeypatch: pytest.MonkeyPa
         {"labels": labels},
         {"layers": [sg.Layer(replace(labels, labels=None), sg.Transfer([(0, 0), (1, 0.5)]))]},
     ):
-        view = sg.show(first, size=(48, 32), **options)
+        view: Any = sg.show(first, size=(48, 32), **options)
         assert np.array_equal(view.image.pixels, sg.render(first, size=(48, 32), **options).pixels)
 
 
@@ -211,7 +211,7 @@ def test_layers_of_another_frame(volume: sg.Volume, monkeypatch: pytest.MonkeyPa
 def test_controls_change_the_view(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
     monkeypatch.setattr(show, "in_notebook", lambda: True)
-    view = sg.show(volume, size=(48, 32))
+    view: Any = sg.show(volume, size=(48, 32))
     camera = view.camera
     controls = {widget.description: widget for widget in view.controls.children}
     assert list(controls) == ["preset", "blend", "light", "window"]
