@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from splatgl.data import scenes as scenes
     from splatgl.data.image import Image as Image
     from splatgl.data.mesh import Mesh as Mesh
+    from splatgl.data.volume import Label as Label
     from splatgl.data.volume import Volume as Volume
     from splatgl.distributed.render import over as over
     from splatgl.distributed.render import render_slabs as render_slabs
@@ -80,6 +81,7 @@ _PUBLIC = {
     "Interrupted": "splatgl.gl.target",
     "PiecewiseCubic": "splatgl.splat.kernels",
     "Mesh": "splatgl.data.mesh",
+    "Label": "splatgl.data.volume",
     "Layer": "splatgl.splat.scene",
     "Motion": "splatgl.splat.motion",
     "Region": "splatgl.splat.regions",

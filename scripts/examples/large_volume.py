@@ -1,21 +1,13 @@
-"""Draws a volume in bricks within a limit of memory: large_volume.py VOLUME PNG MEMORY, such as 2GiB."""
+"""A volume in bricks within a limit of memory; files that are chunked or can be mapped are read in parts."""
 
-from __future__ import annotations
-
-import sys
+import numpy as np
 
 import splatgl as sg
 
+# a file of 96³ samples stands for one of 2000³: .npy, .raw, OME-Zarr, HDF5, TIFF …
+z, y, x = np.indices((96, 96, 96), np.float32) - 47.5
+np.save("large.npy", np.exp(-(x * x + y * y + z * z) / 900))
 
-def main(source: str, target: str, memory: str) -> None:
-    """Files that can be mapped or are chunked (.npy, .raw, OME-Zarr, HDF5) are read brick by brick."""
-    volume = sg.load(source)
-    camera = sg.Camera.orbit(volume, azimuth=30, elevation=20, size=(320, 320))
-    settings = sg.Settings(background=(1, 1, 1))
-    image = sg.render_slabs(source, sg.default_transfer(volume), camera, settings, memory=memory)
-    image.save(target)
-    print(f"{image.info['bricks']} bricks (0: drawn whole), level {image.info['level']}")
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:4])
+image = sg.render("large.npy", memory="2GiB", azimuth=30, size=200)
+image.save("out.png")
+print(f"{image.info.get('bricks', 0)} bricks (0: drawn whole), level {image.info.get('level', 0)}")

@@ -1,22 +1,7 @@
-"""Writes a movie of a turning volume: movie.py VOLUME MOVIE.gif FRAMES."""
-
-from __future__ import annotations
-
-import sys
-
-from PIL import Image
+"""A movie of a turning volume; .mp4 and .webm need the extra video."""
 
 import splatgl as sg
 
-
-def main(source: str, target: str, frames: str) -> None:
-    """`splatgl animate` does the same, and writes .mp4 and .webm with the extra video."""
-    volume = sg.load(source)
-    angles = [360 * n / int(frames) for n in range(int(frames))]
-    images = [sg.render(volume, azimuth=a, size=(240, 240), background="black").to_pil() for a in angles]
-    pictures = [image.convert("RGB").quantize(128, dither=Image.Dither.NONE) for image in images]
-    pictures[0].save(target, save_all=True, append_images=pictures[1:], duration=40, loop=0)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:4])
+volume = sg.scenes.ball(16)  # or the name of a file, or a list of time points
+(movie,) = sg.animate(volume, "out.gif", frames=8, turntable=360, fps=8, size=200)
+print(f"{movie}: {movie.stat().st_size:,} bytes")

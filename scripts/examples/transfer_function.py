@@ -1,26 +1,13 @@
-"""Draws one volume by a preset, by points of its own, and over logarithms: transfer_function.py PNG."""
-
-from __future__ import annotations
-
-import sys
-
-import numpy as np
-from PIL import Image
+"""A transfer function of one's own: by points, by keywords with colours at values, and from a preset."""
 
 import splatgl as sg
 
+volume = sg.scenes.ball(16)  # or sg.load("head.nii.gz")
 
-def main(target: str) -> None:
-    """The three pictures side by side."""
-    volume = sg.scenes.ball(16)
-    transfers = (
-        sg.preset("surface", volume),
-        sg.Transfer(points=[(0.1, 0.0), (0.3, 0.3), (0.5, 0.0), (0.9, 0.5)], colormap="viridis", window=(0, 1)),
-        sg.Transfer(points=[(0.01, 0.0), (1, 0.4)], colormap="hot", scale="log"),
-    )
-    pictures = [sg.render(volume, transfer, size=(200, 200), background="white").to_pil() for transfer in transfers]
-    Image.fromarray(np.concatenate([picture.convert("RGB") for picture in pictures], axis=1)).save(target)
+shell = sg.Transfer(points=[(0.1, 0.0), (0.3, 0.3), (0.5, 0.0), (0.9, 0.5)], colormap="viridis", window=(0, 1))
+sg.render(volume, shell, size=320).save("out-points.png")
 
+colors = [(0.2, "navy"), (0.6, "#c04030"), (1.0, (1.0, 0.9, 0.6))]
+sg.render(volume, points=[(0.2, 0.0), (0.9, 0.4)], colors=colors, size=320).save("out-colors.png")
 
-if __name__ == "__main__":
-    main(sys.argv[1])
+sg.render(volume, sg.preset("surface", volume), size=320).save("out-preset.png")

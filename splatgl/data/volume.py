@@ -92,9 +92,13 @@ class Lengths(NamedTuple):
         return cls(spacing, spacing * math.prod(shape) ** (1 / 3) / PER_EXTENT)
 
 
+@public
 @dataclass(frozen=True)
 class Label:
-    """A segment: number of its voxels, name, colour "#rrggbb" (None: any), factor of opacity, hidden by default."""
+    """A segment: number of its voxels, name, colour "#rrggbb" (None: any), factor of opacity, hidden by default.
+
+    Raises InputError for arguments of another kind.
+    """
 
     number: int
     name: str = ""

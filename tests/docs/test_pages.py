@@ -48,7 +48,7 @@ MOST_LINES = 120
 # of the site: pictures are half of it
 MOST_SITE_BYTES = 10_000_000
 # pages of the guide without a picture, or without a reference at the end
-NO_PICTURE, NO_REFERENCE = {"api", "changelog", "stability"}, {"api", "changelog", "index"}
+NO_PICTURE, NO_REFERENCE = {"api", "changelog", "examples", "stability"}, {"api", "changelog", "index"}
 # of code blocks; text is output, and holds no command
 LANGUAGES = ("sh", "python", "toml", "yaml", "text")
 # what begins a command line
@@ -358,13 +358,14 @@ def test_commands(command: str, here: Path) -> None:
 # --- snippets and files ----------------------------------------------------------------------------------------------
 
 
-# files of a sample project import each other; tests/comparison/test_pytest_plugin.py runs them together
-SAMPLES = DOCS / "image-regression.md"
+# files of a sample project import each other: tests/comparison/test_pytest_plugin.py runs them together; programs of
+# scripts/examples are run by test_examples.py
+ELSEWHERE_RUN = {DOCS / "image-regression.md", DOCS / "examples.md"}
 
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize(
-    "block", [block for block in of("python") if block.path != SAMPLES], ids=lambda block: block.path.stem
+    "block", [block for block in of("python") if block.path not in ELSEWHERE_RUN], ids=lambda block: block.path.stem
 )
 def test_snippets(block: Block, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_files(block.text)
