@@ -472,10 +472,13 @@ def test_pipes_are_no_files(here: Path, capsys: Said) -> None:
 @pytest.mark.parametrize(
     ("typed", "told"),
     [
-        ("--points 0:0,0.5:0.25,1:1", "opacity 0 at 0, 0.25 at 0.5, 1 at 1; colours ivory[0.6:] over "),
+        (
+            "--points 0:0,0.5:0.25,1:1",
+            "opacity 0 at 0, 0.25 at 0.5, 1 at 1 per 1, the mean spacing; colours ivory[0.6:] over ",
+        ),
         (
             "--points 0:0,0.5:0.2,0.6:0.3,2:1 --window -1,3 --colormap hot",
-            "opacity 0 at 0 … 1 at 2 (4 points); colours hot over -1 … 3",
+            "opacity 0 at 0 … 1 at 2 (4 points) per 1, the mean spacing; colours hot over -1 … 3",
         ),
         ("--threshold 0.1 --points 0:0,1:1", "; threshold 0.1"),
         ("--preset microscopy", "transfer function: preset microscopy, opacity 0 at"),

@@ -263,7 +263,7 @@ def test_a_series_with_a_scheduler(
     monkeypatch.chdir(tmp_path)
     for n in range(3):
         np.save(f"s{n}.npy", n * np.load(saved).astype(np.float32))
-    asked = ["animate", "s0.npy", "s1.npy", "s2.npy", "--size", "32", "--samples", "2"]
+    asked = ["animate", "s0.npy", "s1.npy", "s2.npy", "--size", "32", "--samples", "2", "--background", "transparent"]
     for folder, by in (("a", []), ("b", ["--scheduler", client.scheduler.address])):
         assert main([*asked, "-o", f"{folder}/{{frame}}.npy", *by]) == 0
         said = capsys.readouterr().err

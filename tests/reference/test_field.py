@@ -413,6 +413,6 @@ def test_no_spike_is_stepped_over() -> None:
     spike = sg.Transfer([(0.5, 0.0), (0.503, 0.99), (0.506, 0.0)], window=(0, 1), unit=1.0)
     camera = sg.Camera.orbit(volume, 30, 20, size=(4, 4))
     splats = sg.extract(volume, spike, classification="post")
-    right = field_integral(volume, spike, camera, "b-spline", 192).pixels.reshape(-1, 4)
+    right = field_integral(volume, spike, camera, "b-spline", 768).pixels.reshape(-1, 4)
     found = kept_field_integral(splats, camera, np.arange(16), settings=sg.Settings(antialias="off"))
     assert right.max() > 0.1 and np.abs(found - right).max() < 0.01
