@@ -111,11 +111,12 @@ def test_scene_files_and_built_in_scenes(volume: sg.Volume, tmp_path: Path) -> N
 def test_a_camera_a_transfer_function_and_splats(volume: sg.Volume, renderer: sg.Renderer) -> None:
     transfer = sg.Transfer([(20, 0.0), (150, 0.7)], colormap="bone")
     splats, camera = sg.extract(volume, transfer), sg.Camera.orbit(volume, 10, 30, size=(64, 48))
-    right = renderer.render(splats, camera).pixels
+    white = sg.Settings(background="white")
+    right = renderer.render(splats, camera, white).pixels
     assert np.array_equal(sg.render(volume, transfer, camera).pixels, right)
     assert np.array_equal(sg.render(splats, camera=camera).pixels, right)
     fitted = sg.Camera.orbit(Opaque(volume, transfer), 30, 20, size=(64, 48))
-    assert np.array_equal(sg.render(splats, size=(64, 48)).pixels, renderer.render(splats, fitted).pixels)
+    assert np.array_equal(sg.render(splats, size=(64, 48)).pixels, renderer.render(splats, fitted, white).pixels)
     found = sg.render(volume, {"points": transfer.points, "colormap": "gray"}, camera, colormap="bone")
     assert np.array_equal(found.pixels, right)
 
