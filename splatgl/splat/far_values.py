@@ -22,8 +22,9 @@ LARGEST_INTEGERS = frozenset(float(2**bits - 1) for bits in (8, 15, 16, 31, 32, 
 # negative numbers without a custom, of the others' largest; values that CT has as air and padding
 LEAST_SHARE, CORNERS, DISTINCT, FURTHER, OF_CT = 0.01, 4, 9, 10.0, (-4096.0, -900.0)
 # hot pixels: largest share of the samples, least share that is alone, and least correlation of neighbours among the
-# others, 0 in noise; largest side of a mark at a corner, of the box's
-MOST_HOT, ALONE, ALIKE, MARK = 0.02, 0.8, 0.3, 1 / 3
+# others, 0 in noise; largest side of a mark at a corner, of the box's; fall from a limit to what is bright, of the
+# others' range
+MOST_HOT, ALONE, ALIKE, MARK, FLANK = 0.02, 0.8, 0.3, 1 / 3, 0.75
 # blocks of three planes that are examined in large volumes, and rows for the correlation
 BLOCKS, ROWS = 8, 1 << 12
 # hint to draw all values
@@ -89,13 +90,16 @@ def _are_hot(volume: Volume, limits: Far) -> bool:
     depth, all_ = volume.shape[0], volume.count <= MOST_SCANNED
     starts = [0] if all_ else distinct(np.linspace(0, max(depth - 3, 0), BLOCKS).astype(int)).tolist()
     blocks = [np.asarray(volume.samples[start : depth if all_ else start + 3]) for start in starts]
-    # 2. hot voxels, and those beside a face of which is none
+    # 2. hot voxels, and those without a bright one beside a face, which the flank of a peak would be
     count, alone, is_mark = 0, 0, False
+    flank = FLANK * (limits.high - limits.low) / 3
+    flanks = Far(low=limits.low + flank, high=limits.high - flank)
     for block in blocks:
-        is_hot = np.isfinite(block) & ~limits.near(block) & Far(limits.fills).near(block)
+        has_value = np.isfinite(block) & Far(limits.fills).near(block)
+        is_hot, is_bright = has_value & ~limits.near(block), has_value & ~flanks.near(block)
         beside = np.zeros_like(is_hot)
         for axis in range(3):
-            a, b = np.moveaxis(is_hot, axis, 0), np.moveaxis(beside, axis, 0)
+            a, b = np.moveaxis(is_bright, axis, 0), np.moveaxis(beside, axis, 0)
             b[1:] |= a[:-1]
             b[:-1] |= a[1:]
         count += int(np.count_nonzero(is_hot))

@@ -166,3 +166,11 @@ def test_large_samples_are_read_in_parts(monkeypatch: pytest.MonkeyPatch) -> Non
     image = sg.render(bad, size=(32, 32))
     assert len([note for note in image.notes if "left out" in note]) == 2
     assert np.abs(image.pixels - pixels(np.where(OUTSIDE, np.nan, head()))).mean() < 0.01
+
+
+def test_peaks_stay() -> None:
+    """A voxel that is far brighter than most is a peak if one beside it is bright."""
+    for sigma in np.linspace(1.0, 6.0, 51):
+        from_voxel = (X - 0.5) ** 2 + (Y - 0.5) ** 2 + (Z + 0.5) ** 2
+        peak = 200 * np.exp(-from_voxel / (2 * sigma**2)) + 9 * (RADIUS < 9)
+        assert far_of(sg.Volume(peak.astype(np.float32))) == Far(), sigma
