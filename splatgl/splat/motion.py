@@ -292,7 +292,11 @@ class Moments:
     def _part(self, splats: Splats, camera: Camera, settings: Settings, part: int) -> Image:
         """The image at the middle of a part of the exposure."""
         at = -self.exposure * (part + 0.5) / self.count
-        return self.draw(self.motion.move(splats, at), self.motion.view(camera, at), settings)
+        return self.draw(self._moved(splats, at), self.motion.view(camera, at), settings)
+
+    def _moved(self, splats: Splats, at: float) -> Splats:
+        """The splats at that time. Scenes, which have no flow, stay as they are."""
+        return splats if self.motion.flow is None else self.motion.move(splats, at)
 
 
 class Shorter(Moments):
@@ -309,7 +313,7 @@ class Shorter(Moments):
         # treated as a separate frame with the shutter always open; its camera includes the volume's motion
         view, flow = self.motion.view(camera, last), self.motion.flow
         moved = Motion(camera=self.motion.view(camera, first), flow=None if flow is None else flow * (last - first))
-        return self.draw_moving(self.motion.move(splats, last), view, settings.but(shutter=FULL_SHUTTER), moved)
+        return self.draw_moving(self._moved(splats, last), view, settings.but(shutter=FULL_SHUTTER), moved)
 
 
 def count_moments(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> int:
