@@ -90,7 +90,7 @@ def test_boxes_lie_where_opacity_varies(renderer: sg.Renderer) -> None:
         samples[:14, y, x] = 1.0
     volume = with_levels(sg.Volume(samples), 3)
     transfer = sg.Transfer([(0.3, 0.01), (0.8, 0.01), (0.9, 0.9)], shading=False)
-    camera = sg.Camera.orbit(volume, 20, 10, size=(24, 24))
+    camera = sg.Camera.orbit(volume, 20, 10, size=(24, 24), zoom=0.9)
     assert coarsest_fine_level(volume, camera) > 1
     found = choose_level(volume, transfer, camera, Settings(), renderer)
     assert max(found.off.values()) > 0.02 and found.number < coarsest_fine_level(volume, camera)
