@@ -29,6 +29,7 @@ from splatgl.options import Group, Kind, check_options, non_default, option
 from splatgl.scene.draw import print_lines, progress_bar
 from splatgl.scene.open_scene import OpenScene, provenance_of, without_background
 from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import FIT_ALL, FIT_OF_0_3
 from splatgl.splat.bricks import Bricks, bricks_of, excess_need, required_bricks
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.motion import Motion, flow_of
@@ -174,7 +175,9 @@ class Animation:
         only = None if bands or (series and scene.is_single) else _matter(scene, timeline.flow, bool(series))
         if len(scenes) == 1:
             check_time(names)
-        subject = part or (scene.volume if series and scene.is_single else scene.fitted)
+        # what is visible at one time is not at others; version 0.3 fitted layers of a series to its first step
+        is_whole = series and (scene.is_single or view.fit != FIT_OF_0_3)
+        subject = part or (replace(view, fit=FIT_ALL).framed(scene.volume, scene.fitted) if is_whole else scene.fitted)
         track, count = _track(scene, subject, timeline, series)
         first, last = timeline.only or (0, count - 1)
         if last >= count:

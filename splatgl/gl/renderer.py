@@ -238,14 +238,15 @@ class Renderer:
         return self._of_bricks(bricks, camera, chosen, pixels, splats, started)
 
     def plan_bricks(self, bricks: Bricks, camera: Camera, settings: Settings | None) -> Plan:
-        """Plans a volume in bricks, or a part of one. Raises InputError as `render_bricks`, and for a size beyond
-        OpenGL's limit.
+        """Plans a volume in bricks, or a part of one, whose pixels take all samples. Raises InputError as
+        `render_bricks`, and for a size beyond OpenGL's limit.
         """
         check_process(self.ctx)
         whole = bricks.whole
         check_bricks_supported(whole, camera, settings or Settings())
-        # bricks are clipped, not the splats that stand for them
-        chosen = replace(self.plan(whole, camera, settings), splats=whole)
+        chosen = self.plan(whole, camera, settings)
+        # bricks are clipped, not the splats that stand for them; they would be extracted twice to spare samples
+        chosen = replace(chosen, splats=whole, resolved=replace(chosen.resolved, allowed=0.0))
         with current(self.ctx):
             check_size(self.ctx, chosen.view.size)
         return chosen.with_choices(half_line=True) if bricks.surround_eye(chosen.view) else chosen

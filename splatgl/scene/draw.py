@@ -271,7 +271,7 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
     how.check_supported("bricks", f"a picture that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
     with how.renderer() as renderer, progress_bar("brick", scene.is_quiet) as progress:
         # refuses what bricks cannot draw, before memory that is too little for it
-        renderer.plan_bricks(bricks, scene.camera, scene.settings)
+        plan = renderer.plan_bricks(bricks, scene.camera, scene.settings)
         bricks, bands = need.fitted(bricks, most)
         if not scene.is_quiet:
             reason = f"{need}, together more than {format_bytes(most)}"
@@ -279,7 +279,7 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
                 reason = f"up to about {need.most:,} splats are more than are drawn at once"
             print(f"{reason}: drawn in {len(bricks.low):,} bricks, nearest first")
         if how.explain:
-            print(renderer.plan(bricks.whole, scene.camera, scene.settings).explain())
+            print(plan.explain())
         image = renderer.render_bricks(bricks, scene.camera, scene.settings, progress, bands=bands)
     return _compared(image, how) if image.info["splats"] else image
 

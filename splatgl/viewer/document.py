@@ -126,7 +126,7 @@ class Document:
         lines, planes = tuple(scene.vectors.meshes(volume)), scene.slice_planes
         parse_slices([Slice(text).place for text in planes], volume)
         document = cls(scene, layers, styles, files, read_meshes(files), lines, planes).for_settings(scene.settings)
-        # layers of other frames have none
+        # only now, as in stills: what a file or a mask lacks is said before what a blend does not draw
         document.extract(STRIDES[-1])
         return document
 
@@ -208,6 +208,7 @@ class Document:
         assert shown and shown.finer
         layer = self.layers[number].with_stand_in(shown.finer()).cut_by(self.layers[number].scissors)
         layer = layer.placed(*self.layers[number].volume.world)
+        layer.shell(STRIDES[-1])
         return replace(self, layers=(*self.layers[:number], layer, *self.layers[number + 1 :]))
 
     def is_described_as(self, other: Document) -> bool:

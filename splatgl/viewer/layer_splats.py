@@ -62,14 +62,14 @@ class LayerSplats:
 
     @classmethod
     def of_layer(cls, name: str, scene: SceneFile, layer: Layer) -> LayerSplats:
-        """The voxels of a layer, or their first stand-in, with the splats of the coarsest stride."""
+        """The voxels of a layer, or their first stand-in, without splats."""
         volume, transfer = layer.volume, layer.seen
         shown = choose_stand_in(volume, transfer, scene.settings)
         clip = None if layer.clip is None else check_planes(layer.clip)
         return cls(name, scene, (), transfer, layer.threshold, volume.world, clip).with_stand_in(shown)
 
     def with_stand_in(self, shown: StandIn) -> LayerSplats:
-        """The layer with the voxels of a stand-in, and the splats of the coarsest stride."""
+        """The layer with the voxels of a stand-in, without splats."""
         volumes = [shown.volume]
         for _ in STRIDES[1:]:
             last = volumes[-1]
@@ -77,9 +77,7 @@ class LayerSplats:
             volumes.append(next(iter(last.coarser), less))
         estimates = tuple(volume.count for volume in volumes)
         fresh: dict[str, Any] = {"made": {}, "shells": {}, "variants": {}, "kind": ("pre", ""), "estimates": estimates}
-        layer = replace(self, volumes=tuple(volumes), stand_in=shown, **fresh).for_settings(self.scene.settings)
-        layer.shell(STRIDES[-1])
-        return layer
+        return replace(self, volumes=tuple(volumes), stand_in=shown, **fresh).for_settings(self.scene.settings)
 
     @property
     def volume(self) -> Volume:

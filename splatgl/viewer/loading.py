@@ -22,6 +22,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import FAINTLY, faint_share
 from splatgl.splat.scene import MOST_LAYERS
 from splatgl.splat.settings import Settings
+from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document, read_layer
 from splatgl.viewer.file_watch import Watch, watched_files
 from splatgl.viewer.jobs import Jobs, Kind
@@ -63,12 +64,15 @@ def open_document(scene: SceneFile) -> tuple[Document, tuple[FileOption, ...]]:
 def _read_first(source: SceneFile, scene: SceneFile) -> list[tuple[LayerSplats, LayerStyle]]:
     """The layers of a file over a scene. Where one of several volumes must be chosen, the first is."""
     try:
-        return read_layer(source, scene)
+        pairs = read_layer(source, scene)
     except Choice as error:
         values = _values_of(source.volume, error)
         if error.option not in CHOOSING or not values or error.option in source.load:
             raise
         return _read_first(replace(source, load={**source.load, error.option: values[0][0]}), scene)
+    for layer, _ in pairs:
+        layer.shell(STRIDES[-1])
+    return pairs
 
 
 def _file_options(scene: SceneFile, document: Document) -> tuple[FileOption, ...]:

@@ -20,7 +20,7 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.animation import animation
-from splatgl.animation.animation import Frames, scale_xray
+from splatgl.animation.animation import Animation, Frames, Timeline, scale_xray
 from splatgl.animation.camera_track import Swept, between, keyframes, turning
 from splatgl.animation.movie import expanded, gif_times, read_ahead, volumes
 from splatgl.cli.main import main
@@ -243,6 +243,11 @@ def test_a_series_begins_with_the_picture_of_render(here: Path, capsys: pytest.C
     assert np.array_equal(np.load("s0_.npy"), sg.render("s0.npy", size=24).pixels)
     assert main([*series, "--fit", "visible"]) == 0
     assert "the camera fits the whole of each volume of the series" in capsys.readouterr().err
+    files = [SceneFile(f"s{number}.npy", view=ViewOptions(size=(24, 24), fit="visible")) for number in range(2)]
+    over = (SceneFile("s0.npy", transfer={"points": ((0, 0.0), (9, 0.1))}),)
+    layered = [replace(file, layers=over) for file in files]
+    alone, both = (Animation.of(each, Timeline(spin=0.0), None, 8, is_quiet=True) for each in (files, layered))
+    assert both.view(0).camera == alone.view(0).camera == sg.Camera.default("s0.npy", size=24)
 
 
 def test_the_size_of_turning_keyframes_is_told(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

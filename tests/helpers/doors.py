@@ -25,6 +25,7 @@ from splatgl.scene.meshes import VECTORS, MeshFile
 from splatgl.scene.open_scene import OpenScene, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.shared_renderer import shared_renderer
+from splatgl.splat import resolve
 from splatgl.splat.settings import BLENDS
 from splatgl.viewer.adaptive_quality import FULL
 from splatgl.viewer.commands import Copy
@@ -300,6 +301,12 @@ def in_bricks(draft: Draft) -> Drawn:
     return Drawn(image.pixels, image.info)
 
 
+def with_all_samples(draft: Draft) -> Drawn:
+    """The picture with all samples, of which whole volumes spare some within a quarter of the tolerance."""
+    with mock.patch.object(resolve, "SPARED_SHARE", 0.0):
+        return from_file(draft)
+
+
 def without_annotations(draft: Draft) -> Drawn:
     """The picture that a window shows under its annotations, which it draws on the screen."""
     opened = OpenScene.read(SceneFile.from_toml(scene_path(draft)))
@@ -324,6 +331,7 @@ BASES: dict[str, Draw] = {
     "bare": without_annotations,
     "steady": steadily_annotated,
     "saved": saved_by_window,
+    "all samples": with_all_samples,
 }
 
 NOT_IN_WINDOW = {
@@ -395,6 +403,7 @@ DOORS: dict[str, Door] = {
             **dict.fromkeys(("vectors.streamlines", "vectors.arrows"), TOO_LARGE),
             **{name: IN_PARTS for name in ("settings.ambient_occlusion", "settings.shadows")},
         },
+        base="all samples",
     ),
 }
 # doors that take seconds

@@ -20,6 +20,7 @@ from tests.helpers.random_scenes import (
     labels,
     make_plain_scene,
     make_scene,
+    points,
     to_toml,
     traits,
     vectors,
@@ -161,6 +162,14 @@ def test_a_door_says_what_it_does_not_draw(name: str, trait: str, tmp_path: Path
     assert trait in traits(draft) and isinstance(attempt(draft, BASES["picture"]), Drawn)
     with pytest.raises(InputError, match=EVERY[name].refuses[trait]):
         EVERY[name].draw(draft)
+
+
+def test_all_doors_refuse_alike(tmp_path: Path) -> None:
+    """What a later layer lacks, before what the blend does not draw of the first."""
+    options = {"settings": {"blend": "attenuated-mip"}, "layer": {"mask": ["missing.nrrd"]}}
+    draft = make_plain_scene(tmp_path, options, points, amounts)
+    assert "missing.nrrd" in str(attempt(draft, BASES["picture"]))
+    assert not failures(draft, {name: DOORS[name] for name in ("command", "window", "saved", "notebook")})
 
 
 @pytest.mark.long

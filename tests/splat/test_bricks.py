@@ -200,6 +200,19 @@ def test_early_ends_stay_within_the_tolerance(renderer: sg.Renderer, rng: np.ran
     assert found.info["splats"] < 0.8 * volume.count
 
 
+def test_pixels_of_bricks_take_all_samples(renderer: sg.Renderer, rng: np.random.Generator) -> None:
+    """As their plan says: none are spared, whatever the tolerance."""
+    volume = sg.Volume(noise(rng, (9, 8, 10)))
+    camera, settings = sg.Camera.orbit(volume, size=(64, 64)), Settings(tolerance=0.02)
+    bricks = in_bricks(volume, RAMP, settings)
+    plan = renderer.plan_bricks(bricks, camera, settings)
+    assert plan.antialias == "2×2 samples a pixel"
+    assert "elsewhere" in renderer.plan(sg.extract(volume, RAMP), camera, settings).antialias
+    right = renderer.render(sg.extract(volume, RAMP), camera, settings.but(antialias="supersample", samples=2))
+    found = renderer.render_bricks(bricks, camera, settings)
+    assert np.abs(found.pixels - right.pixels).max() < 5e-6
+
+
 def test_records_of_bricks_are_those_of_the_whole(rng: np.random.Generator) -> None:
     samples = noise(rng, (17, 12, 15))
     samples[4:7, 3:5, 2:9] = np.nan
