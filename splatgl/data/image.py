@@ -118,17 +118,23 @@ class Image:
             np.array(info["eye"]), axes, tuple(info["size"]), info["extent"], info["projection"] == "perspective"
         )
 
-    def save(self, path: str | Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> None:
+    def save(
+        self,
+        path: str | Path,
+        bits: int = 8,
+        background: tuple[float, float, float] | None = None,
+        checked: bool = True,
+    ) -> None:
         """Writes .png (sRGB, straight alpha, 8 or 16 bits), .jpg (sRGB), .npy, .tif or .exr (the pixels), atomically.
         In .svg and .pdf annotations are text and lines over the pixels.
 
         background: linear RGB behind a PNG, JPEG or page; None keeps it as it was drawn. An `xray` image is scaled to
         its maximum in these; the factor is in the file's text. Equal pictures give equal bytes: what took how long is
-        not in the file, but its accuracy is, which is computed if no bound is known. Raises InputError for another
-        suffix, for transparent pixels in JPEG, and if the file cannot be written.
+        not in the file, but its accuracy is, which is computed if no bound is known: in .2 s and more, which checked=False
+        saves. Raises InputError for another suffix, for transparent pixels in JPEG, and if the file cannot be written.
         """
         name = Path(path)
-        image = self if name.suffix.lower() == ".npy" else self.with_accuracy()
+        image = self if name.suffix.lower() == ".npy" or not checked else self.with_accuracy()
         write_file(name, image.encoded(name, bits, background))
 
     def encoded(self, name: Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> bytes:

@@ -170,7 +170,9 @@ def with_groups(*tables: Mapping[str, Parameter]) -> Callable[[Function], Functi
         text = "\n".join(
             textwrap.fill(line, 112, initial_indent="    ", subsequent_indent="        ") for line in lines
         )
-        function.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n\nKeywords by the objects that also take them:\n\n{text}\n"
+        function.__doc__ = (
+            f"{inspect.cleandoc(function.__doc__ or '')}\n\nKeywords by the objects that also take them:\n\n{text}\n"
+        )
         return with_keywords(KEYWORDS, *tables)(function)
 
     return add

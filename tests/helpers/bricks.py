@@ -26,7 +26,7 @@ def cameras(volume: sg.Volume) -> dict[str, sg.Camera]:
     middle, far = volume.center, 3 * float(np.ptp(volume.corners, axis=0).max())
     size = (37, 26)
     return {
-        "outside": sg.Camera.orbit(volume, 30, 20, size=size),
+        "outside": sg.Camera.orbit(volume, 30, 20, size=size, zoom=0.7),
         "inside": sg.Camera.look_at(middle, middle + np.array([1.0, 0.4, 0.2]), (0, 0, 1), 70, size),
         "beside": sg.Camera.look_at(volume.corners[0] - 0.1, middle, (0, 0, 1), 60, size),
         "parallel": sg.Camera.orthographic(

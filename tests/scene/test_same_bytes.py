@@ -170,3 +170,5 @@ def test_accuracy_of_a_renderer_of_bricks_and_of_files(renderer: Renderer, monke
 def test_unchecked_pictures_say_nothing() -> None:
     command("render", "ball.npy", "--size", "24", "-o", "a.png", "--check", "0", "--quiet")
     assert "checked" not in sg.Image.load("a.png").info
+    sg.render("ball.npy", size=24).save("b.png", checked=False)
+    assert Path("b.png").read_bytes() == Path("a.png").read_bytes()
