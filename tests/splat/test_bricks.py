@@ -389,11 +389,8 @@ def test_less_memory_means_fewer_threads_smaller_batches_or_a_refusal(
 @pytest.mark.parametrize(
     ("dtype", "chunk", "size", "memory"),
     [
-        (np.uint8, 64, 32, 400),
-        (np.float32, 64, 32, 400),
         (np.float32, 64, 128, 400),
         (np.uint8, 64, 512, 512),
-        (np.uint8, 160, 64, 420),
         (np.uint8, 64, 32, 256),
         (np.float32, 160, 128, 256),
     ],
@@ -416,14 +413,21 @@ def test_the_command_keeps_its_memory(tmp_path: Path, dtype: type, chunk: int, s
         assert code == 0 and taken < float(least[1]) + 150
 
 
+# its own peak, in KiB, is that of a small process: a child of this one begins with the peak of this one
+MEASURED = """
+import os, subprocess, sys
+process = subprocess.Popen(sys.argv[2:], stdout=subprocess.DEVNULL, stderr=open(sys.argv[1], "w"))
+_, status, used = os.wait4(process.pid, 0)
+print(os.waitstatus_to_exitcode(status), used.ru_maxrss)
+"""
+
+
 def peak_of(folder: Path, command: list[str], memory: int) -> tuple[int, float, str]:
     """Exit code of a command within `memory` MiB, its peak, MiB, and what it prints on standard error."""
-    with (folder / "told.txt").open("w+") as told:
-        process = subprocess.Popen([*command, f"{memory}MiB"], stdout=subprocess.DEVNULL, stderr=told)
-        _, status, used = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-        told.seek(0)
-        return process.returncode, used.ru_maxrss / 1024, told.read()
+    told = folder / "told.txt"
+    measured = [sys.executable, "-c", MEASURED, str(told), *command, f"{memory}MiB"]
+    code, used = subprocess.run(measured, check=True, capture_output=True, text=True).stdout.split()
+    return int(code), int(used) / 1024, told.read_text()
 
 
 def pyramid(path: Path, dtype: type, chunk: int, side: int = 160) -> Path:
