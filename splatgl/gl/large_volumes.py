@@ -32,6 +32,8 @@ from splatgl.splat.transfer import Transfer
 
 # boxes to compare; places, and bytes of the finest level, to search for them, as many are empty and losses are rare
 BOXES, PLACES, MOST_READ = 8, 512, 1 << 28
+# bytes, beside the process and the voxels of a box, to read, draw and compare boxes
+BOXES_DRAWN = 120 << 20
 # coarse voxels along a side of a box, and the least and most fine voxels
 COARSE_SIDE, FINE_SIDES = 8, (32, 128)
 # values that are classified at a time
@@ -83,7 +85,7 @@ def choose_level(
         return finest
     side, _ = _box_size(volume, coarsest)
     held = held_within_budget(byte_count(volume.shape, volume.samples.dtype))
-    least = PROCESS + held + EACH * int(side.prod())
+    least = PROCESS + BOXES_DRAWN + held + EACH * int(side.prod())
     if least > (most := budget()):
         this, fix = f"at least {format_bytes(least)} to choose a level", "give more --memory, or a --level"
         raise expected("memory", this, format_bytes(most), fix)

@@ -147,7 +147,7 @@ def test_a_report_without_a_field(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     """A line says so, and methods classified after are left out."""
     monkeypatch.setattr("splatgl.studies.accuracy.export._diagrams", lambda results: {})
     monkeypatch.setattr(sweep, "STUDIES", ())
-    asked = ["--quick", "--size", "12", "--rounds", "1", "--only", "exact", "post b-spline", "sheets 3", "--quiet"]
+    asked = ["--quick", "--size", "32", "--rounds", "1", "--only", "exact", "post b-spline", "sheets 3", "--quiet"]
     assert main(["report", "letter-f", "balls", *asked, "-o", str(tmp_path)]) == 0
     text = (tmp_path / "report.md").read_text()
     assert (
