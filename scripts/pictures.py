@@ -37,7 +37,7 @@ WINDOW, COLORS = (1240, 640), 128
 MALE = DATA / "visible_male_128x256x256_uint8.raw"
 # CT of the Visible Male: spacing of its slices; z runs downwards
 UPRIGHT = "--spacing 1.57774,0.995861,1.00797 --up 0,0,-1 --azimuth 40 --elevation -5 --fit visible"
-SKULL = f"{MALE} --preset ct-bone {UPRIGHT} --zoom 1.05"
+SKULL = f"{MALE} --preset ct-bone {UPRIGHT}"
 # page background, linear light
 PAPER = (1.0, 1.0, 1.0)
 
@@ -73,10 +73,10 @@ def front() -> None:
     rendered(
         "front",
         f"{SKULL} --light matte --ambient-occlusion 0.9",
-        f"{DATA}/neuron_a_409x415x119.tif --zoom 1.05 --azimuth 0 --elevation 0 --fit visible"
+        f"{DATA}/neuron_a_409x415x119.tif --azimuth 0 --elevation 0 --fit visible"
         " --colormap '0:#102040,0.3:#1fa0c0,0.7:#7fffd0,1:#ffffff'",
-        f"{DATA}/stent_ct_128x128x256.nrrd --points 0.2:0,0.35:0.6 --azimuth 0 --zoom 1.3 --light glossy --fit visible",
-        f"{DATA}/head_mri_160x232x160.nii.gz --clip 'z<0.62' --elevation 35 --azimuth 30 --zoom 0.97 --light matte"
+        f"{DATA}/stent_ct_128x128x256.nrrd --points 0.2:0,0.35:0.6 --azimuth 0 --light glossy --fit visible",
+        f"{DATA}/head_mri_160x232x160.nii.gz --clip 'z<0.62' --elevation 35 --azimuth 30 --light matte"
         " --ambient-occlusion 0.7 --fit visible",
         size="400x480",
         colors=255,
@@ -108,7 +108,7 @@ def slices() -> None:
 
 def iso() -> None:
     """A head's skin, half transparent, before its skull."""
-    line = f"{MALE} {UPRIGHT} --zoom 1.05 --iso 45:peachpuff:0.45 --iso 90:ivory --light matte"
+    line = f"{MALE} {UPRIGHT} --iso 45:peachpuff:0.45 --iso 90:ivory --light matte"
     rendered("iso", line, size="480x400")
 
 
@@ -158,7 +158,7 @@ def publishing() -> None:
 
 def turn() -> None:
     """Frames of an orbit around the nerve."""
-    view = {"elevation": 30, "zoom": 1.3, "fit": "visible", "size": (200, 200), "background": "black"}
+    view = {"elevation": 30, "zoom": 1.3, "size": (200, 200), "background": "black"}
     frames = [sg.render("nerve", azimuth=angle, **view).pixels for angle in range(0, 360, 60)]
     beside(*frames).save(FOLDER / "turn.png")
 
