@@ -71,24 +71,26 @@ GALLERY = (
     Picture(
         "bone",
         "CT, bone under a sky: ambient occlusion",
-        f"render {MALE} --preset ct-bone --light flat --ambient-occlusion 1 --azimuth 40 --up 0,0,-1",
+        f"render {MALE} --preset ct-bone --light flat --ambient-occlusion 1 --azimuth 40 --up 0,0,-1 --fit visible",
     ),
     Picture(
         "layers",
         "skin over bone: two layers",
-        f"render {MALE} --points 60:0,120:0.03 --layer {MALE}:ct-bone --azimuth 40 --up 0,0,-1",
+        f"render {MALE} --points 60:0,120:0.03 --layer {MALE}:ct-bone --azimuth 40 --up 0,0,-1 --fit visible",
     ),
-    Picture("mri", "MRI, cut open", "render head_mri_160x232x160.nii.gz --clip 'z<0.62' --elevation 45"),
+    Picture("mri", "MRI, cut open", "render head_mri_160x232x160.nii.gz --clip 'z<0.62' --elevation 45 --fit visible"),
     Picture(
         "lung",
         "vessels and airways of a lung, with its box",
         "render lung_ct_115x157x129.mha --preset ct-lung --annotate box,axes",
     ),
-    Picture("stent", "CT of an aortic stent, matte light", "render stent_ct_128x128x256.nrrd --light matte"),
+    Picture(
+        "stent", "CT of an aortic stent, matte light", "render stent_ct_128x128x256.nrrd --light matte --fit visible"
+    ),
     Picture(
         "neuron",
         "fluorescence, largest values, scale bar",
-        "render neuron_a_409x415x119.tif --blend mip --colormap hot --annotate scale",
+        "render neuron_a_409x415x119.tif --blend mip --colormap hot --annotate scale --fit visible",
     ),
     Picture(
         "xray",

@@ -26,7 +26,6 @@ from PIL import Image as Pillow
 import splatgl as sg
 from splatgl.cli.main import main as command
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.view import ViewOptions
 from splatgl.studies.accuracy.content import CONVERGENCE, OVERVIEW
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -37,19 +36,10 @@ SIZE = (400, 400)
 WINDOW, COLORS = (1240, 640), 128
 MALE = DATA / "visible_male_128x256x256_uint8.raw"
 # CT of the Visible Male: spacing of its slices; z runs downwards
-UPRIGHT = "--spacing 1.57774,0.995861,1.00797 --up 0,0,-1 --azimuth 40 --elevation -5"
-SKULL = f"{MALE} --preset ct-bone {UPRIGHT} --zoom 1.05"
+UPRIGHT = "--spacing 1.57774,0.995861,1.00797 --up 0,0,-1 --azimuth 40 --elevation -5 --fit visible"
+SKULL = f"{MALE} --preset ct-bone {UPRIGHT}"
 # page background, linear light
 PAPER = (1.0, 1.0, 1.0)
-BLACK = (0.0, 0.0, 0.0)
-
-
-def draw(renderer: sg.Renderer, name: str, settings: sg.Settings, size: tuple[int, int] = SIZE) -> np.ndarray:
-    """float32 [H, W, 4] of a built-in scene with its default view."""
-    scene = SceneFile(name, view=ViewOptions(size=size), settings=settings)
-    volume = scene.open()
-    splats = sg.extract(volume, scene.transfer_for(volume))
-    return renderer.render(splats, scene.view.camera(volume, splats), settings).pixels
 
 
 def beside(*pictures: np.ndarray, gap: int = 6) -> sg.Image:
@@ -83,11 +73,11 @@ def front() -> None:
     rendered(
         "front",
         f"{SKULL} --light matte --ambient-occlusion 0.9",
-        f"{DATA}/neuron_a_409x415x119.tif --zoom 1.05 --azimuth 0 --elevation 0"
+        f"{DATA}/neuron_a_409x415x119.tif --azimuth 0 --elevation 0 --fit visible"
         " --colormap '0:#102040,0.3:#1fa0c0,0.7:#7fffd0,1:#ffffff'",
-        f"{DATA}/stent_ct_128x128x256.nrrd --points 0.2:0,0.35:0.6 --azimuth 0 --zoom 1.3 --light glossy",
-        f"{DATA}/head_mri_160x232x160.nii.gz --clip 'z<0.62' --elevation 35 --azimuth 30 --zoom 0.97 --light matte"
-        " --ambient-occlusion 0.7",
+        f"{DATA}/stent_ct_128x128x256.nrrd --points 0.2:0,0.35:0.6 --azimuth 0 --light glossy --fit visible",
+        f"{DATA}/head_mri_160x232x160.nii.gz --clip 'z<0.62' --elevation 35 --azimuth 30 --light matte"
+        " --ambient-occlusion 0.7 --fit visible",
         size="400x480",
         colors=255,
     )
@@ -118,7 +108,7 @@ def slices() -> None:
 
 def iso() -> None:
     """A head's skin, half transparent, before its skull."""
-    line = f"{MALE} {UPRIGHT} --zoom 1.05 --iso 45:peachpuff:0.45 --iso 90:ivory --light matte"
+    line = f"{MALE} {UPRIGHT} --iso 45:peachpuff:0.45 --iso 90:ivory --light matte"
     rendered("iso", line, size="480x400")
 
 
@@ -133,16 +123,13 @@ def presets() -> None:
 
 def scenes() -> None:
     """The built-in scenes of the paper."""
-    with sg.Renderer() as renderer:
-        pictures = [draw(renderer, name, sg.Settings(background=BLACK)) for name in ("tunnel", "terrain", "nerve")]
-    beside(*pictures).save(FOLDER / "scenes.png")
+    beside(*(sg.render(name, size=SIZE).pixels for name in ("tunnel", "terrain", "nerve"))).save(FOLDER / "scenes.png")
 
 
 def antialiasing() -> None:
     """The paper's Fig. 5 at a size for which z_k lies inside the tunnel, without antialiasing and with it."""
-    old = sg.Settings.like("0.1", background=BLACK)
-    with sg.Renderer() as renderer:
-        kinds = [draw(renderer, "tunnel", old.but(antialias=kind), (160, 160)) for kind in ("off", "paper")]
+    old = {"like": "0.1", "size": 160, "background": "black"}
+    kinds = [sg.render("tunnel", antialias=kind, **old).pixels for kind in ("off", "paper")]
     beside(*(np.kron(kind, np.ones((3, 3, 1), np.float32)) for kind in kinds)).save(FOLDER / "antialiasing.png")
 
 
@@ -165,16 +152,14 @@ def depth() -> None:
 def publishing() -> None:
     """A neuron of the width of a column, at 100 dots an inch, with its scale bar."""
     volume = sg.Volume.of(sg.load(DATA / "neuron_a_409x415x119.tif").samples, spacing=(0.5, 0.5, 0.5), unit="um")
-    view = {"width": "85mm", "dpi": 100, "size": (4, 3), "background": "black"}
+    view = {"width": "85mm", "dpi": 100, "size": (4, 3), "background": "black", "fit": "visible"}
     sg.render(volume, "microscopy", annotate="scale,title=Neuron", **view).save(FOLDER / "publishing.png")
 
 
 def turn() -> None:
     """Frames of an orbit around the nerve."""
-    frames = [
-        sg.render("nerve", azimuth=angle, elevation=30, zoom=1.3, size=(200, 200), background="black").pixels
-        for angle in range(0, 360, 60)
-    ]
+    view = {"elevation": 30, "zoom": 1.3, "size": (200, 200), "background": "black"}
+    frames = [sg.render("nerve", azimuth=angle, **view).pixels for angle in range(0, 360, 60)]
     beside(*frames).save(FOLDER / "turn.png")
 
 
@@ -182,7 +167,7 @@ def compare() -> None:
     """The terrain, the same with a wrong rectangle and an offset, and their difference."""
     with TemporaryDirectory() as folder:
         new, old, diff = (f"{folder}/{name}.png" for name in ("new", "old", "diff"))
-        image = sg.render("terrain", elevation=40, zoom=1.3, size=(320, 240), background="white")
+        image = sg.render("terrain", elevation=40, size=(320, 240), background="white")
         image.save(old)
         wrong = image.pixels.copy()
         wrong[80:140, 180:240] = wrong[80:140, 172:232]
@@ -220,6 +205,7 @@ preset = "ct-bone"
 up = [0, 0, -1]
 azimuth = 110
 elevation = 5
+fit = "visible"
 """
 
 
