@@ -130,8 +130,8 @@ class Image:
 
         background: linear RGB behind a PNG, JPEG or page; None keeps it as it was drawn. An `xray` image is scaled to
         its maximum in these; the factor is in the file's text. Equal pictures give equal bytes: what took how long is
-        not in the file, but its accuracy is, which is computed if no bound is known: in .2 s and more, which checked=False
-        saves. Raises InputError for another suffix, for transparent pixels in JPEG, and if the file cannot be written.
+        not in the file, but its accuracy is, which takes .2 s and more if no bound is known, unless checked is False.
+        Raises InputError for another suffix, for transparent pixels in JPEG, and if the file cannot be written.
         """
         name = Path(path)
         image = self if name.suffix.lower() == ".npy" or not checked else self.with_accuracy()
