@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.data.affine import World
+from splatgl.data.color import AUTO
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
@@ -212,8 +213,10 @@ class Document:
         return replace(self, layers=(*self.layers[:number], layer, *self.layers[number + 1 :]))
 
     def is_described_as(self, other: Document) -> bool:
-        """Whether the scene files of both say the same."""
-        first, second = (replace(each.scene, scissors=(), look=None) for each in (self, other))
+        """Whether the scene files of both say the same, but for the background, which may follow the values."""
+        plain = [each.scene.settings.but(background=AUTO) for each in (self, other)]
+        pairs = zip((self, other), plain, strict=True)
+        first, second = (replace(each.scene, scissors=(), look=None, settings=settings) for each, settings in pairs)
         cuts, others = ([cut.table for cut in each.scene.scissors] for each in (self, other))
         return first == second and cuts == others
 

@@ -127,7 +127,8 @@ def test_labels_of_the_command_line(renderer: sg.Renderer, tmp_path: Path, capsy
     np.save(tmp_path / "ball.npy", ball.samples)
     np.save(tmp_path / "seg.npy", volume.samples)
     out = tmp_path / "a.npy"
-    line = ["render", str(tmp_path / "ball.npy"), "--size", "30", "-o", str(out), "--quiet"]
+    shown = ["--size", "30", "-o", str(out), "--background", "transparent", "--quiet"]
+    line = ["render", str(tmp_path / "ball.npy"), *shown]
     look = ["--points", "0.5:0,1:0.4"]
     assert main([*line, *look, "--labels", str(tmp_path / "seg.npy"), "--only-labels", "2,7:0.5"]) == 0
     labels = sg.load(tmp_path / "seg.npy")
@@ -136,7 +137,7 @@ def test_labels_of_the_command_line(renderer: sg.Renderer, tmp_path: Path, capsy
     scene = sg.Scene([seen, sg.Layer(labels, label_transfer(labels, [(2, 1.0), (7, 0.5)]))])
     camera = ViewOptions(size=(30, 30)).camera(ball, scene)
     assert np.array_equal(np.load(out), renderer.render(scene, camera).pixels)
-    alone = ["render", str(tmp_path / "seg.npy"), "--size", "30", "-o", str(out), "--quiet"]
+    alone = ["render", str(tmp_path / "seg.npy"), *shown]
     assert main([*alone, "--only-labels", "9"]) == 0
     splats = sg.extract(labels, label_transfer(labels, [(9, 1.0)]))
     assert np.array_equal(

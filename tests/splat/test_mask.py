@@ -308,7 +308,7 @@ def test_depths_and_picked_places_end_at_the_mask() -> None:
 def test_the_view_is_fitted_to_what_is_kept() -> None:
     volume = block(size=30)
     small = volume.masked(half(volume, 0, 4) & half(volume, 1, 4) & half(volume, 2, 4))
-    look: Any = {"points": [(0, 0.5)], "size": 32, "background": "transparent"}
+    look: Any = {"points": [(0, 0.5)], "size": 32, "background": "transparent", "fit": "visible"}
     near, far = (sg.render(each, **look).pixels[..., 3] for each in (small, volume))
     assert (near > 0).sum() > 0.7 * (far > 0).sum()
 

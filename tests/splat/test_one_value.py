@@ -15,6 +15,7 @@ from splatgl.gl import sheet_quads, sheet_tiles, tiles
 from splatgl.gl.target import Interrupted
 from splatgl.reference.blend import join_values, joined_value
 from splatgl.reference.field import field_integral
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import BLENDS, Technique
 from tests.helpers.noise import GRIDS, LOOKS, inside, views
 from tests.helpers.splatting import spread
@@ -186,7 +187,7 @@ def test_sheets_draw_the_fields_value(blend: str) -> None:
     """The nearer, the more sheets."""
     volume = sg.Volume(cells(20, 2))
     transfer = sg.Transfer([(0, 0), (1, 1)])
-    camera = sg.Camera.orbit(volume, 30, 20, size=(20, 20))
+    camera = ViewOptions((20, 20), fit="0.3").camera(volume, volume)
     right = field_integral(volume, transfer, camera, steps_per_voxel=6, blend=blend).pixels[..., 3]
     splats = every(volume.samples, transfer)
     missed = []

@@ -160,7 +160,8 @@ def test_the_view_is_that_of_render(document: Document, folder: Path) -> None:
 @pytest.mark.long
 def test_an_opacity_weakens_once(folder: Path, tmp_path: Path, renderer: sg.Renderer) -> None:
     """Of one volume, too: a saved scene that keeps the factor beside points with it would be fainter."""
-    (folder / "faint.toml").write_text('volume = "blob.npy"\nopacity = 0.3\n[settings]\nantialias = "off"\n')
+    text = 'volume = "blob.npy"\nopacity = 0.3\n[settings]\nantialias = "off"\nbackground = "transparent"\n'
+    (folder / "faint.toml").write_text(text)
     document = Document.open(SceneFile.from_toml(folder / "faint.toml"))
     shown, again = saved(turned(State.of(document, SIZE)), document, renderer, folder)
     assert np.abs(shown - again).max() < 1e-4 and 0.01 < shown[..., 3].max() < 0.9

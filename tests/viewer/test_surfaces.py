@@ -23,6 +23,7 @@ iso = ["12:red"]
 colormap = "viridis"
 [camera]
 view = "front"
+fit = "0.3"
 [[mesh]]
 file = "stone.stl"
 color = "blue"
