@@ -63,7 +63,12 @@ def compose() -> str:
         rest = {option: parameter for option, parameter in table.items() if option not in shared}
         lines += write_class(f"{name}Keywords", f"{about}.", rest, bases[-1])
     for kind in GROUPS.values():
-        lines += write_class(f"{kind.__name__}Keywords", f"Keywords of `{kind.__name__}`.", kind.known)
+        table = kind.known
+        lines += write_class(f"{kind.__name__}Keywords", f"Keywords of `{kind.__name__}`.", table)
+        # a group of which pictures take all as they are
+        if all(common.get(option) == parameter for option, parameter in table.items()):
+            bases.append(f"{kind.__name__}Keywords")
+            common = {option: parameter for option, parameter in common.items() if option not in table}
     lines += write_class("ArrayKeywords", "Options of `Volume.of`.", keywords_of(ArrayOptions))
     lines += write_class("PictureKeywords", "Options of all pictures.", common, ", ".join(bases))
     one = {"time": KEYWORDS["time"]}

@@ -198,7 +198,7 @@ class ArrayKeywords(TypedDict, total=False):
     values: str | None
 
 
-class PictureKeywords(PictureSettingsKeywords, PictureLoadKeywords, total=False):
+class PictureKeywords(PictureSettingsKeywords, PictureLoadKeywords, LookKeywords, CutsKeywords, total=False):
     """Options of all pictures."""
 
     size: int | str | Numbers
@@ -232,31 +232,6 @@ class PictureKeywords(PictureSettingsKeywords, PictureLoadKeywords, total=False)
     width: str | None
     fit: Literal["all", "visible", "0.3"]
     light: Literal["head", "matte", "glossy", "flat"] | OptionGroup | None
-    preset: str
-    curve: str
-    colors: str | Sequence[Any]
-    level_width: Numbers | None
-    file: str
-    only_labels: str | Sequence[int | tuple[int, float]] | Mapping[int, float]
-    name_of: Mapping[int, str] | Sequence[str]
-    color_of: Mapping[str, str] | Sequence[str]
-    window_of: Mapping[str, Numbers] | Sequence[str]
-    points: Sequence[Numbers]
-    colormap: str | Sequence[Numbers] | np.ndarray
-    window: Numbers | None
-    unit: str | float | None
-    gradient: Sequence[Numbers]
-    scale: Literal["linear", "log"]
-    log: bool
-    iso: float | str | Sequence[Any]
-    regions: Sequence[Any]
-    region: Sequence[Any]
-    threshold: float
-    clip: str | Sequence[Any] | None
-    crop: str
-    mask: Any | None
-    uncut: str | int | Sequence[int]
-    scissors: Any
     surfaces: float | None
     layers: Any
     layer: Any

@@ -112,7 +112,7 @@ class MaskField:
 
     @classmethod
     def _around(cls, volume: Volume, kept: np.ndarray, low: np.ndarray) -> MaskField:
-        """What is kept of a volume's voxels from `low` (x, y, z) on."""
+        """The field of `kept`, voxels of a volume from `low` (x, y, z) on."""
         grid, (x, y, z) = Grid.of(volume), low.tolist()
         world = np.linalg.inv(grid.world_from_index) * grid.mean_spacing
         return cls(kept, (x, y, z), world, volume.shape, SURE * spread(volume))
