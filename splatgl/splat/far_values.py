@@ -22,9 +22,9 @@ LARGEST_INTEGERS = frozenset(float(2**bits - 1) for bits in (8, 15, 16, 31, 32, 
 # negative numbers without a custom, of the others' largest; values that CT has as air and padding
 LEAST_SHARE, CORNERS, DISTINCT, FURTHER, OF_CT = 0.01, 4, 9, 10.0, (-4096.0, -900.0)
 # hot pixels: largest share of the samples, least share that is alone, and least correlation of neighbours among the
-# others, 0 in noise; largest side of a mark at a corner, of the box's; fall from a limit to what is bright, of the
-# others' range
-MOST_HOT, ALONE, ALIKE, MARK, FLANK = 0.02, 0.8, 0.3, 1 / 3, 0.75
+# others, 0 in noise; largest side of a mark at a corner, of the box's; distance of what is bright, of the
+# others' range; distance of hot ones that are not saturated, in that range
+MOST_HOT, ALONE, ALIKE, MARK, FLANK, UNUSUAL = 0.02, 0.8, 0.3, 1 / 3, 0.25, 4.0
 # blocks of three planes that are examined in large volumes, and rows for the correlation
 BLOCKS, ROWS = 8, 1 << 12
 # hint to draw all values
@@ -63,14 +63,23 @@ def far_values(volume: Volume, sample: np.ndarray, values: np.ndarray) -> Far:
 
     fills, rest = custom_fills(values, is_padding)
     low, high = inner_range(rest)
-    spread = high - low
-    hot = Far(fills, low - spread, high + spread)
     # a single one may not be in the sample
     whole = type(volume.samples) in (np.ndarray, np.memmap)
     first, last = (volume.value_range if whole else None) or (rest[0], rest[-1])
+    # lone voxels may be the object, unless they are saturated or extremely far
+    spread = high - low
+    apart = spread * (1 if last in LARGEST_INTEGERS and not _varies_beyond(rest, high + spread) else UNUSUAL)
+    hot = Far(fills, low - UNUSUAL * spread, high + apart)
     if not 0 < spread < math.inf or (first >= hot.low and last <= hot.high):
         return Far(fills)
-    return hot if _are_hot(volume, hot) and kind_of(volume)[0] != LABELS else Far(fills)
+    flanks = Far(fills, low - FLANK * spread, high + FLANK * spread)
+    return hot if _are_hot(volume, hot, flanks) and kind_of(volume)[0] != LABELS else Far(fills)
+
+
+def _varies_beyond(rest: np.ndarray, limit: float) -> bool:
+    """Whether there are several numbers beyond a limit."""
+    beyond = rest[np.searchsorted(rest, limit, side="right") :]
+    return bool(len(beyond) and beyond[0] != beyond[-1])
 
 
 def _pads(fill: float, rest: np.ndarray) -> bool:
@@ -84,16 +93,16 @@ def _pads(fill: float, rest: np.ndarray) -> bool:
     return bool(is_far) and len(distinct(rest)) >= DISTINCT
 
 
-def _are_hot(volume: Volume, limits: Far) -> bool:
-    """Whether values beyond limits are lone voxels, or a mark at a corner, of something else than noise."""
+def _are_hot(volume: Volume, limits: Far, flanks: Far) -> bool:
+    """Whether values beyond limits are lone voxels, or a mark at a corner, of something else than noise. flanks: limits
+    of what may lie beside lone ones.
+    """
     # 1. the whole volume, or blocks of a large one
     depth, all_ = volume.shape[0], volume.count <= MOST_SCANNED
     starts = [0] if all_ else distinct(np.linspace(0, max(depth - 3, 0), BLOCKS).astype(int)).tolist()
     blocks = [np.asarray(volume.samples[start : depth if all_ else start + 3]) for start in starts]
     # 2. hot voxels, and those without a bright one beside a face, which the flank of a peak would be
     count, alone, is_mark = 0, 0, False
-    flank = FLANK * (limits.high - limits.low) / 3
-    flanks = Far(low=limits.low + flank, high=limits.high - flank)
     for block in blocks:
         has_value = np.isfinite(block) & Far(limits.fills).near(block)
         is_hot, is_bright = has_value & ~limits.near(block), has_value & ~flanks.near(block)

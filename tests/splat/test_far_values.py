@@ -174,3 +174,13 @@ def test_peaks_stay() -> None:
         from_voxel = (X - 0.5) ** 2 + (Y - 0.5) ** 2 + (Z + 0.5) ** 2
         peak = 200 * np.exp(-from_voxel / (2 * sigma**2)) + 9 * (RADIUS < 9)
         assert far_of(sg.Volume(peak.astype(np.float32))) == Far(), sigma
+
+
+def test_lone_voxels_of_an_object_stay() -> None:
+    """Puncta as wide as a voxel are drawn, unless they are saturated or extremely far from all others."""
+    rng = np.random.default_rng(4)
+    places = rng.permutation(RADIUS.size)[:20]
+    for values, is_far in ((rng.uniform(4, 10, 20), False), (255.0, True), (1e4, True)):
+        samples = np.asarray(field(), np.float64)
+        samples.flat[places] = values
+        assert (far_of(sg.Volume(samples)) != Far()) == is_far, values
