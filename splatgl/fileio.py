@@ -143,6 +143,11 @@ def within(memory: int | None) -> Iterator[None]:
         _budget[:] = before
 
 
+def stated_budget() -> int | None:
+    """The budget that `within` has set, bytes; None: none."""
+    return _budget[0] if _budget else None
+
+
 def call_within(memory: int | None, work: Callable[..., Result], *arguments: object) -> Result:
     """Calls work(*arguments) within a memory budget, as `within` sets it."""
     with within(memory):

@@ -41,6 +41,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     add_options(parser, WorkerOptions)
+    add_options(parser, DrawOptions, "memory")
     add_drawing(parser)
     parser.set_defaults(run=run)
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from splatgl.coercion import public
 from splatgl.distributed.worker import call
 from splatgl.errors import InputError, expected, missing_extra, one_line
+from splatgl.fileio import call_within, stated_budget
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster
@@ -126,7 +127,7 @@ def spread(
     client: Client, work: Callable[..., Found], items: Iterable[tuple[str, tuple[Any, ...]]]
 ) -> Iterator[tuple[str, Found]]:
     """(name, work(*arguments)) of each item (name, arguments), as they are done; as many at a time as there are
-    workers.
+    workers, each within the memory budget that is set here.
 
     InputError of the first item that raises one; of an item whose worker died DEATHS times once all others are done.
     """
@@ -141,7 +142,7 @@ def spread(
             item = next(todo, None)
             if item is None:
                 return
-            future = client.submit(call, work, *item[1], pure=False)
+            future = client.submit(call, call_within, stated_budget(), work, *item[1], pure=False)
             waiting[future] = item[0]
             running.add(future)
 

@@ -22,6 +22,7 @@ from traitlets import Unicode
 
 from splatgl.data.image import Image
 from splatgl.errors import expected
+from splatgl.fileio import call_within
 from splatgl.options import declared, names_of, refuse_unknown
 from splatgl.scene.groups import TRANSFER
 from splatgl.scene.scene_file import SceneFile
@@ -46,11 +47,13 @@ BLACK = (0.0, 0.0, 0.0)
 
 
 class Session:
-    """A scene seen from a pose. Events are dictionaries as jupyter_rfb has them, places in CSS pixels."""
+    """A scene seen from a pose. Events are dictionaries as jupyter_rfb has them, places in CSS pixels. memory: the
+    budget that files are opened within, bytes; None: the process's.
+    """
 
-    def __init__(self, scene: SceneFile) -> None:
-        self.scene = scene
-        self.document = Document.open(scene)
+    def __init__(self, scene: SceneFile, memory: int | None = None) -> None:
+        self.scene, self.memory = scene, memory
+        self.document = call_within(memory, Document.open, scene)
         self.pose = self.document.home(scene.view.size)
         self.mouse = Mouse()
         self.ratio = 1.0
@@ -65,7 +68,7 @@ class Session:
         """Draws the same volumes by other options; the camera stays. Raises InputError for bad values."""
         # the blend changes the default transfer function
         same = scene.transfer == self.scene.transfer and scene.settings.blend == self.scene.settings.blend
-        document = self.document.with_settings(scene) if same else Document.open(scene, quiet=True)
+        document = self.document.with_settings(scene) if same else call_within(self.memory, Document.open, scene, True)
         document = document.for_settings(document.scene.settings)
         self.scene, self.document = scene, document
         self.refiner.renew(document.counts, prod(self.pose.camera.size))

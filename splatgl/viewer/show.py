@@ -59,7 +59,7 @@ def show(
         if not is_instance(x, "Splats") and find_spec("jupyter_rfb"):
             from splatgl.viewer.notebook import Session, View
 
-            return View(Session(scene))
+            return View(Session(scene, memory))
         if not is_instance(x, "Splats"):
             print('for a view that the mouse turns: pip install "splatgl[notebook]"')
         return picture(x, scene, memory)

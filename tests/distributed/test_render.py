@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl import fileio
 from splatgl.cli.main import main
 from splatgl.distributed import cluster, connected, worker
 from splatgl.distributed.render import Part, join_parts, join_samples, render_slabs
@@ -103,6 +104,15 @@ def client() -> Iterator[Any]:
     pytest.importorskip("distributed")
     with connected(2, None, None) as found:
         yield found
+
+
+@pytest.mark.long
+def test_workers_have_the_budget_that_is_set(client: Any) -> None:
+    """Of frames of movies, too."""
+    for memory in (3 << 30, None):
+        with fileio.within(memory):
+            (found,) = cluster.spread(client, fileio.stated_budget, [("one", ())])
+        assert found == ("one", memory)
 
 
 @pytest.fixture

@@ -60,6 +60,9 @@ def test_memory_is_the_budget_of_all_that_a_call_does(volume: sg.Volume, monkeyp
         with pytest.raises(sg.InputError, match=r"^memory: expected a positive number of bytes, got 0"):
             call(volume, memory=0)
     assert found == [2 << 30] * 3 and fileio.budget() != 2 << 30
+    # the command of movies, too
+    assert main(["animate", "ball", "-o", "{frame}.png", "--frames", "2", "--memory", "1GiB"]) == 2
+    assert found[3:] == [1 << 30]
 
 
 @pytest.mark.few(1)

@@ -18,9 +18,11 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
+from splatgl import fileio
 from splatgl.scene.api import scene_of
 from splatgl.viewer import notebook, show, thumbnails
 from splatgl.viewer.adaptive_quality import FULL, LADDER
+from splatgl.viewer.document import Document
 from splatgl.viewer.notebook import STILL, Session
 
 
@@ -63,6 +65,16 @@ def test_the_first_frame_is_the_picture(session: Timed, volume: sg.Volume) -> No
     assert (frame == sg.Image(session.image.pixels).over((0, 0, 0)).samples8()[..., :3]).all()
     # once
     assert session.frame() is None and session.patience() is None
+
+
+def test_files_are_opened_within_the_budget(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
+    monkeypatch.setattr(show, "in_notebook", lambda: True)
+    found, own = [], Document.open
+    monkeypatch.setattr(Document, "open", lambda *given: found.append(fileio.stated_budget()) or own(*given))
+    view: Any = sg.show(volume, size=(16, 12), memory="2GiB")
+    view.change(blend="mip")
+    assert found == [2 << 30] * 2 and fileio.stated_budget() is None
 
 
 def test_drags_rotate_pan_and_zoom(session: Timed) -> None:
