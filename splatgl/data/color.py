@@ -30,6 +30,19 @@ def srgb_from_linear(linear: ArrayLike) -> np.ndarray:
     return np.where(c <= LINEAR_KNEE, c * SLOPE, curved)
 
 
+# largest error of `light_of_display` over that of values and alpha: the slopes of α f(v/α) are f′ and f − f′ v/α, at
+# most f′(1) and f′(1) − 1
+STEEPEST = 2 * EXPONENT / (1 + OFFSET) - 1
+
+
+def light_of_display(pixels: np.ndarray) -> np.ndarray:
+    """Linear premultiplied pixels [..., 4] of display values, sRGB times alpha, in the type of those."""
+    alpha = np.maximum(pixels[..., 3:], 0)
+    straight = np.divide(pixels[..., :3], alpha, out=np.zeros_like(pixels[..., :3]), where=alpha > 0)
+    light = linear_from_srgb(np.minimum(straight, 1)) * alpha
+    return np.concatenate([light, pixels[..., 3:]], axis=-1).astype(pixels.dtype)
+
+
 # bits of a float32 below those by which `srgb_bytes` looks up: fewer than two bytes begin between two entries
 BELOW = 15
 

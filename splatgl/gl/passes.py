@@ -10,6 +10,7 @@ from typing import Protocol
 import moderngl
 import numpy as np
 
+from splatgl.data.color import light_of_display
 from splatgl.data.mesh import Mesh
 from splatgl.gl.buffers import DrawOrder, SplatBuffers, free
 from splatgl.gl.card_lists import CardLists
@@ -194,11 +195,12 @@ class Passes:
 
     def _read(self, target: Target, plan: Plan, portions: Portions) -> np.ndarray:
         """Returns the pixels of the target's samples."""
-        # an unbounded sum has no background
-        background = plan.resolved.background if not plan.program.look.blend.unbounded else None
-        if plan.resolved.averaged or background is not None:
-            return self._resolve(target, plan, background, portions).read()
-        return target.read(plan.window)
+        behind = plan.resolved.behind
+        if plan.resolved.averaged or behind is not None:
+            pixels = self._resolve(target, plan, behind, portions).read()
+        else:
+            pixels = target.read(plan.window)
+        return light_of_display(pixels) if plan.resolved.display else pixels
 
     def _draw_splats(
         self, target: Target, splats: Splats, plan: Plan, portions: Portions, batches: Batches | None
@@ -224,9 +226,7 @@ class Passes:
         self.tables.use(plan)
         self.fields.use(splats, plan)
 
-    def _resolve(
-        self, source: Target, plan: Plan, background: tuple[float, float, float] | None, portions: Portions
-    ) -> Target:
+    def _resolve(self, source: Target, plan: Plan, behind: tuple[float, ...] | None, portions: Portions) -> Target:
         program = self.single.resolving(plan)
         width, height = plan.view.size
         target = self.targets.get("resolve", (width // plan.samples, height // plan.samples), "rgba32f")
@@ -235,7 +235,7 @@ class Passes:
         source.texture.use(location=0)
         program["samples"], program["last"] = plan.samples, (width - 1, height - 1)
         program["ends"] = END_CORRECTION if plan.resolved.averaged else 0.0
-        program["background"] = (*background, 1.0) if background else (0.0, 0.0, 0.0, 0.0)
+        program["background"] = (*behind, 1.0) if behind else (0.0, 0.0, 0.0, 0.0)
         rows = height // plan.samples
         for top, bottom in portions.parts("resolving", range(1, rows + 1), rows):
             target.framebuffer.use()

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatgl.data.color import light_of_display
 from splatgl.splat.resolve import END_CORRECTION, Resolved
 from splatgl.splat.settings import COMBINE, BlendMode
 from splatgl.splat.transfer import Transfer
@@ -153,10 +154,11 @@ def classify_values(transfer: Transfer, value: np.ndarray) -> np.ndarray:
 
 
 def over_background(drawn: np.ndarray, resolved: Resolved) -> np.ndarray:
-    """Pictures [..., 4] over the background of the settings; sums have no background."""
-    if resolved.background is None or resolved.look.blend.unbounded:
-        return drawn
-    return np.asarray(drawn + (1 - drawn[..., 3:]) * np.array([*resolved.background, 1.0]))
+    """Pictures [..., 4] over the background of the settings, in linear light; sums have no background."""
+    behind = resolved.behind
+    if behind is not None:
+        drawn = np.asarray(drawn + (1 - drawn[..., 3:]) * np.array([*behind, 1.0]))
+    return light_of_display(drawn) if resolved.display else drawn
 
 
 def _group_by_pixel(pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

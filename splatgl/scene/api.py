@@ -238,7 +238,7 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
     """
     scene, view, base, mixing = view_of(x, camera, settings, options)
     layers, shared = scene is x, DrawOptions(is_shared=True)
-    if mixing == DISPLAY and (layers or not BLENDS[base.blend].unbounded):
+    if mixing == DISPLAY and not base.mixes_display and (layers or not BLENDS[base.blend].unbounded):
         image = draw_subject(display_scene(scene), view, display_settings(base), shared)
         image = display_image(image, base.ground)
     else:

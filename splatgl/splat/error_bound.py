@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from splatgl.data.color import STEEPEST
 from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.hidden_interior import LIGHT
 from splatgl.splat.kernels import (
@@ -241,7 +242,7 @@ def bound(splats: Splats, plan: Plan, pixels: np.ndarray) -> Bound | None:
         placement, met = blurred
     brightest_pixel = _largest_pixel(splats, plan, met) * most
     # 8 bits clamp values over 1
-    cut = plan.target == "rgba8" and (blend.unbounded or brightest_pixel > 1.0)
+    cut = plan.target == "rgba8" and brightest_pixel > 1.0
     opacity = _largest_alpha(plan, pixels, met) if blend.ordered else 1.0
     brightest = brightest_pixel if cut or not blend.unbounded else float(pixels.max())
     scale = {"over": most * opacity, "sum": brightest, "max": brightest_pixel}[blend.join]
@@ -250,7 +251,9 @@ def bound(splats: Splats, plan: Plan, pixels: np.ndarray) -> Bound | None:
     rounding, lost = _rounding_error(plan, scale, met.count), _resolve_error(plan, scale)
     hidden = (_hidden_light(plan, pixels, opacity) + LIGHT * (splats.hollow > 0)) * most
     largest = _largest_difference(plan, pixels, brightest_pixel) + lost
-    return Bound(footprint, hidden, brightest_pixel if cut else rounding + lost, largest)
+    # errors of display values
+    steep = STEEPEST if plan.resolved.display else 1.0
+    return Bound(steep * footprint, steep * hidden, brightest_pixel if cut else steep * (rounding + lost), largest)
 
 
 def _largest_difference(plan: Plan, pixels: np.ndarray, right: float) -> float:

@@ -311,7 +311,7 @@ def plan(
         resolved,
         Lookup(shape.name, read, settings.table_size or TABLE_SIZES[read], settings.table_bits),
         _order(settings, kind, resolved.sheets is not None, notes),
-        "rgba32f" if settings.target == "auto" else settings.target,
+        _target(settings),
         z_s,
         # a streak may reach any pixel
         Window(0, 0, *view.size) if exposure else bounds.window,
@@ -343,3 +343,9 @@ def _order(settings: Settings, kind: str, sheets: bool, notes: list[str]) -> str
     if settings.order != "auto":
         return settings.order
     return "front-to-back" if kind == "tiles" or sheets else "back-to-front"
+
+
+def _target(settings: Settings) -> str:
+    """The format of the framebuffer; sums exceed 8 bits."""
+    is_float = settings.target == "auto" or (settings.target == "rgba8" and BLENDS[settings.blend].unbounded)
+    return "rgba32f" if is_float else settings.target

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.splat.ambient_occlusion import LightVolume
@@ -82,7 +83,8 @@ class Resolved:
     samples a pixel. z_k: depth at which the smallest voxel is one sample wide [M98 Eq. 3]. depths: nearest and farthest
     depth of the box of all splats. unsure: see view.py. background: linear RGB; None: transparent. notes: omitted steps
     with reasons, a line each. sheets: None: splats composite one by one. clip, mask: planes and mask that clip rays.
-    cues: light that reaches matter; None: all light. mip_attenuation: per reference length.
+    cues: light that reaches matter; None: all light. mip_attenuation: per reference length. display: whether display
+    values are mixed.
     """
 
     look: Appearance
@@ -102,6 +104,14 @@ class Resolved:
     cues: LightVolume | None = None
     allowed: float = 0.0
     mip_attenuation: float = 0.0
+    display: bool = False
+
+    @property
+    def behind(self) -> tuple[float, ...] | None:
+        """What is behind the picture: the background, as what is mixed; None if it is transparent, and of sums."""
+        if self.background is None or self.look.blend.unbounded:
+            return None
+        return tuple(srgb_from_linear(np.array(self.background)).tolist()) if self.display else self.background
 
     @property
     def kernel(self) -> Kernel:
@@ -150,8 +160,7 @@ class Resolved:
             check_reach(splats.corners, camera, splats.grid.mean_spacing)
         z_k = fine.z_k(splats.grid.smallest_spacing)
         boxes = draws_boxes(splats, settings, moving)
-        antialias = not boxes and _antialias(settings, z_k, depths[1], notes)
-        shading = _shading(splats, settings, notes)
+        antialias, lit = not boxes and _antialias(settings, z_k, depths[1], notes), _shading(splats, settings, notes)
         light = Light.of(settings.light, settings.light_from, settings.shadows > 0, settings.strengths)
         cues = _cues(splats, camera, settings, light, notes)
         shape = BOX if boxes else kernel(kernel_name(splats, settings))
@@ -166,7 +175,7 @@ class Resolved:
         look = Appearance(
             blend,
             attenuation="optical-depth" if after else _attenuation(settings, antialias or moving),
-            shading=shading,
+            shading=lit,
             sheets=sheets.count if sheets else 0,
             steps=sheets.steps if sheets else 0,
             weighted=splats.post is not None and bool(splats.post.transfer.gradient) and not blend.one_value,
@@ -196,6 +205,7 @@ class Resolved:
             cues=cues,
             allowed=_allowed(splats, settings, samples, pixel) if after and blend.ordered and not antialias else 0.0,
             mip_attenuation=settings.mip_attenuation,
+            display=splats.display,
         )
 
 
@@ -471,13 +481,14 @@ def extract_for_settings(
 
 def select_splats(splats: Splats, settings: Settings, moving: bool, camera: Camera | None = None) -> Splats:
     """Selects the splats for a picture with these settings, without clipped voxels: the given ones if they fit or have
-    no source, else splats that are extracted from their source.
+    no source, else splats that are extracted from their source; in display values if those are mixed.
 
     moving: whether the picture is motion-blurred. camera: of the picture, which may need no hidden interiors; None:
     selects all splats.
     """
     selected = _classified(splats, settings, moving, camera)
-    return clip_splats(selected, settings.clip, draws_boxes(selected, settings, moving))
+    clipped = clip_splats(selected, settings.clip, draws_boxes(selected, settings, moving))
+    return clipped.of_display if settings.mixes_display and not clipped.display else clipped
 
 
 def _classified(splats: Splats, settings: Settings, moving: bool, camera: Camera | None) -> Splats:

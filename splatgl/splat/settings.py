@@ -242,7 +242,11 @@ class Settings:
         "texels along each axis of the footprint table, up to 4096 (default 256, or 1024 over the squared distance)",
     )
     table_bits: int = _paper(32, Kind.one_of(8, 16, 32), "bits a texel of the footprint table")
-    target: Target = _paper("rgba32f", Kind.choice(Target), "number format of the framebuffer. The paper's has 8 bits")
+    target: Target = _paper(
+        "rgba32f",
+        Kind.choice(Target),
+        "number format of the framebuffer. The paper's has 8 bits, in which display values (sRGB) are mixed",
+    )
     technique: Technique = _speed(
         "auto",
         Kind.choice(Technique),
@@ -338,6 +342,11 @@ class Settings:
     def strengths(self) -> tuple[float | None, ...]:
         """Strengths of ambient, diffuse and specular light; None: the light's."""
         return self.ambient, self.diffuse, self.specular
+
+    @property
+    def mixes_display(self) -> bool:
+        """Whether display values (sRGB) are mixed, as in framebuffers of 8 bits; else linear light."""
+        return self.target == "rgba8" and not BLENDS[self.blend].unbounded
 
     @property
     def ground(self) -> Color | None:

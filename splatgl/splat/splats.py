@@ -20,6 +20,7 @@ from weakref import WeakKeyDictionary, ref
 import numpy as np
 
 from splatgl.coercion import public
+from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
 from splatgl.errors import expected
 from splatgl.splat.camera import Bounded, Part
@@ -242,7 +243,8 @@ class Splats:
     volume's anatomical frame. labels: normals of labels, which are drawn as boxes; None for other splats.
     unmasked: number of missing samples that `mask` ignores: matter is up to a voxel wider there. hollow: cells of
     hidden_interior.py that the kernels of pictures may reach, as hidden interiors are left out; 0: they are not. box:
-    corners [8, 3], world units, of the volume that they are of; None for points.
+    corners [8, 3], world units, of the volume that they are of; None for points. display: whether colours are display
+    values, sRGB, instead of linear light.
     """
 
     records: np.ndarray
@@ -263,6 +265,7 @@ class Splats:
     unmasked: int = 0
     hollow: int = 0
     box: np.ndarray | None = None
+    display: bool = False
     notes: ClassVar[tuple[str, ...]] = ()
 
     def __len__(self) -> int:
@@ -309,6 +312,18 @@ class Splats:
         records["optical_depth"] = depths
         records["color"] = colors[order]
         return assemble(records, cells[order], grid, unit=grid.mean_spacing, name="points")
+
+    @cached_property
+    def of_display(self) -> Splats:
+        """The splats in display values. Raises InputError for values, which are classified while they are drawn."""
+        if self.post is not None:
+            if not len(self):
+                return self
+            fix = "use --classification pre"
+            raise expected("target rgba8", "splats classified before reconstruction", "values", fix)
+        records = self.records.copy()
+        records["color"] = stored_color(srgb_from_linear(linear_color(records)), records.dtype)
+        return replace(self, records=records, display=True)
 
     @classmethod
     def of_points(cls, points: Points, opacity: float) -> Splats:

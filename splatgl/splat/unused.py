@@ -86,6 +86,7 @@ NEEDS: tuple[tuple[tuple[str, ...], Callable[[Use], bool], str], ...] = (
         lambda use: use.given.attenuation in ("opacity", use.look.attenuation),
         "only splats of blend composite beyond z_k are weakened",
     ),
+    (("target",), lambda use: use.given.target in ("auto", use.plan.target), "sums of optical depth exceed 8 bits"),
     (("order",), lambda use: use.look.blend.ordered, "the blend has no order"),
     (("occlusion",), lambda use: use.skips_hidden, "only tiles of blend composite skip hidden splats"),
 )

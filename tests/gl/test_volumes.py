@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.scenes import ball, letter_f
 from splatgl.reference.blend import pixel_means
 from splatgl.splat.kernels import kernel
@@ -163,6 +164,49 @@ def test_targets_hold_what_they_can(target: str, renderer: sg.Renderer) -> None:
     assert right == pytest.approx(-np.expm1(-2 * peak), abs=3e-4)
     # software rounds to nearest and keeps less; a card may keep more
     assert abs(pixel_of(renderer.render(splats, camera, SPLATS.but(target=target)))[3] - right) > 0.1 * right
+
+
+def test_8_bits_mix_display_values(renderer: sg.Renderer) -> None:
+    """400 splats of opacity 0.03 end at their own colour but for what 8 bits lose: 0.03 (c − pixel) < ½. The reference
+    mixes as the framebuffer does: half of white is the display value ½.
+    """
+    camera = sg.Camera.orthographic((0, 0, -9), (0, 0, 0), (0, -1, 0), 1e-6, (1, 1))
+    peak, paper = float(kernel("crawfis-max").footprint(np.zeros(()))), sg.Settings.paper(shading="off")
+
+    def pile(count: int, levels: tuple[int, int, int], opacity: float) -> sg.Splats:
+        colors = np.tile(linear_from_srgb(np.array(levels) / 255), (count, 1))
+        places = np.arange(count)[:, None] * [0, 0, 2.0]
+        return sg.Splats.from_points(places, colors, np.full(count, -np.log1p(-opacity) / peak))
+
+    many, half = pile(400, (60, 100, 40), 0.03), pile(1, (255, 255, 255), 0.5)
+    for settings in (paper, paper.but(background="black")):
+        drawn, right = (pixel_of(draw(many, camera, settings)) for draw in (renderer.render, sg.reference.render))
+        assert np.abs(255 * srgb_from_linear(drawn[:3]) - (44, 84, 24)).max() < 9
+        assert 255 * srgb_from_linear(right[:3]) == pytest.approx((60, 100, 40), abs=0.1)
+    for ground, shown in (("black", 0.5), ("#808080", 0.5 + 0.5 * 128 / 255)):
+        for draw in (renderer.render, sg.reference.render):
+            image = draw(half, camera, paper.but(background=ground))
+            assert srgb_from_linear(pixel_of(image)[:3]) == pytest.approx([shown] * 3, abs=2 / 255)
+    assert pixel_of(renderer.render(half, camera, paper)) == pytest.approx([0.5] * 4, abs=2 / 255)
+
+
+def test_sums_need_more_than_8_bits(renderer: sg.Renderer) -> None:
+    splats, camera = two_splats(), sg.Camera.orthographic((0, 0, -9), (0, 0, 0), (0, -1, 0), 1, (3, 3))
+    image = renderer.render(splats, camera, sg.Settings.paper(blend="xray", table_bits=32))
+    assert image.info["target"] == "rgba32f" and "sums of optical depth exceed 8 bits" in " ".join(image.notes)
+    assert (
+        image.pixels
+        == renderer.render(splats, camera, sg.Settings.paper(blend="xray", table_bits=32, target="rgba32f")).pixels
+    ).all()
+
+
+def test_8_bits_hold_a_single_layer(renderer: sg.Renderer) -> None:
+    volume = sg.Volume(np.ones((3, 3, 3)))
+    scene = sg.Scene([sg.Layer(volume), sg.Layer(volume)])
+    camera = sg.Camera.orbit(scene, size=(4, 4))
+    for draw in (renderer.render, sg.reference.render):
+        with pytest.raises(sg.InputError, match="target rgba8: expected a single layer, without meshes"):
+            draw(scene, camera, sg.Settings.paper())
 
 
 def test_shading_is_a_head_light(renderer: sg.Renderer) -> None:
