@@ -6,7 +6,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from splatgl.studies.accuracy.ground_truth import LEVELS
-from splatgl.studies.accuracy.methods import AXES, DEFAULT, EXACT, PAPER, TRUTHS, axis_of, methods
+from splatgl.studies.accuracy.methods import (
+    AXES,
+    DEFAULT,
+    EXACT,
+    PAPER,
+    PAPER_FLOAT,
+    PAPER_TABLE,
+    TRUTHS,
+    axis_of,
+    methods,
+)
 from splatgl.studies.accuracy.pareto import ERRORS, FASTER, Point, Timing, cheapest, dominance, front
 from splatgl.studies.accuracy.sweep import Results, Row, SceneResults
 from splatgl.studies.tables import Heading, Table, Text
@@ -53,7 +63,9 @@ PREVIEW_ERROR, PREVIEW_TIME = 3.0, 1.5
 SUMMARY_HEAD = (
     "scene",
     "splats, pixels",
-    "RMSE of drawing, 1998",
+    "RMSE of drawing, forms of 1998",
+    "their 8-bit table",
+    "and blending",
     "exact",
     "",
     "time, exact : 1998",
@@ -182,7 +194,8 @@ def _summaries(results: Results) -> Table:
     rows = []
     for scene in results.scenes:
         summary = Summary.of(scene)
-        drawing = (number(summary.old), number(summary.new), f"÷ {times(summary.gain)}" if summary.gain else "")
+        errors = map(number, (summary.old, summary.table, summary.blending, summary.new))
+        drawing = (*errors, f"÷ {times(summary.gain)}" if summary.gain else "")
         cost = f"{summary.cost:.2g}" if summary.cost else ""
         width, height = scene.about["size"]
         size = f"{group_digits(scene.about['splats'])}, {width}×{height}"
@@ -408,13 +421,17 @@ def rivals(truth: str, scene: SceneResults) -> list[Point]:
 class Summary:
     """Key results of a scene; None if unknown.
 
-    old, new: drawing errors of the paper's settings and of exact splats; cost: ratio of their times, new over old.
-    filtered: errors of both against supersampling. best: the rival nearest to the ray integral. field: errors of exact
-    splats and of the default settings against the field; nearest: the rival nearest to the field.
+    old, new: drawing errors of the paper's forms, without 8 bits, and of exact splats. table, blending: of the paper's
+    settings with its table of 8 bits, and with its framebuffer too, against what that mixes. cost: ratio of times, new
+    over the paper's. filtered: errors of old and new against supersampling. best: the rival nearest to the ray
+    integral. field: errors of exact splats and of the default settings against the field; nearest: the rival nearest
+    to it.
     """
 
     old: float | None
     new: float | None
+    table: float | None
+    blending: float | None
     cost: float | None
     filtered: tuple[float | None, float | None]
     best: Point | None
@@ -429,10 +446,12 @@ class Summary:
             min(rivals(truth, scene), key=lambda p: p.error, default=None) for truth in ("integral", "field")
         )
         return cls(
-            old=scene.error(PAPER, "reference"),
+            old=scene.error(PAPER_FLOAT, "reference"),
             new=scene.error(EXACT, "reference"),
+            table=scene.error(PAPER_TABLE, "reference"),
+            blending=scene.error(PAPER, "reference"),
             cost=now.over(before).median if now and before else None,
-            filtered=(scene.error(PAPER, "sampled"), scene.error(EXACT, "sampled")),
+            filtered=(scene.error(PAPER_FLOAT, "sampled"), scene.error(EXACT, "sampled")),
             best=best,
             field=(scene.error(EXACT, "field"), scene.error(DEFAULT, "field")),
             nearest=nearest,
@@ -457,7 +476,7 @@ def caption(scene: SceneResults, truth: str) -> str:
     """Caption of the diagram for one truth."""
     summary = Summary.of(scene)
     if truth == "reference" and summary.gain and summary.cost:
-        return f"exact against 1998: error ÷ {times(summary.gain)}, time × {summary.cost:.2g}"
+        return f"exact against the forms of 1998: error ÷ {times(summary.gain)}, time × {summary.cost:.2g}"
     if truth == "sampled" and summary.filtered[1]:
         return f"exact is {number(summary.filtered[1])} away, 1998 {number(summary.filtered[0])}"
     if truth == "integral" and summary.best and summary.best.error:
@@ -471,10 +490,16 @@ def caption(scene: SceneResults, truth: str) -> str:
 def _drawing(summary: Summary) -> str:
     if not summary.gain or not summary.cost:
         return ""
-    return (
-        f"**Drawing**: exact errs {times(summary.gain)} times less than the settings of 1998 "
+    text = (
+        f"**Drawing**: exact errs {times(summary.gain)} times less than the forms of 1998 "
         f"(RMSE {number(summary.new)} against {number(summary.old)}), "
         f"{'in' if summary.cost < 1 else 'at'} {summary.cost:.2g} times their time."
+    )
+    if summary.table is None or summary.blending is None:
+        return text
+    return (
+        f"{text} With tables of 8 bits these err by {number(summary.table)}, and if display values are blended in 8 "
+        f"bits, too, by {number(summary.blending)}, which is measured against blending those in float64."
     )
 
 

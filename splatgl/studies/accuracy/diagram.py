@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.studies.accuracy.content import PLAIN, caption, choices, deciding_truth, group_digits, rivals
-from splatgl.studies.accuracy.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, Axis, axis_of, methods
+from splatgl.studies.accuracy.methods import (
+    AXES,
+    DEFAULT,
+    EXACT,
+    PAPER,
+    PAPER_FLOAT,
+    PAPER_TABLE,
+    Axis,
+    axis_of,
+    methods,
+)
 from splatgl.studies.accuracy.pareto import Point, stairs
 from splatgl.studies.accuracy.sweep import SceneResults
 from splatgl.studies.plots import BLACK, BLUE, GRAY, GREEN, ORANGE, RED, encode, places, sheet, style
@@ -30,7 +40,10 @@ TITLES = {
     "field": "with classification: against the field itself",
 }
 # practical settings are highlighted, each by its own marker
-PRACTICAL = {DEFAULT: ("D", BLACK), EXACT: ("s", BLACK), PAPER: ("o", BLACK), PAPER_FLOAT: ("o", "white")}
+PRACTICAL = {
+    **{DEFAULT: ("D", BLACK), EXACT: ("s", BLACK)},
+    **{PAPER: ("o", BLACK), PAPER_TABLE: ("o", GRAY), PAPER_FLOAT: ("o", "white")},
+}
 # minimum decades of an error axis
 DECADES = 2.0
 # dots per inch of a PNG: a screen's width for three panels

@@ -165,6 +165,10 @@ class Truths:
             raise expected("truth", " or ".join(TRUTHS), repr(truth))
         names = FIELD if truth == "field" else OPTICS + (FILTERS if truth == "reference" else ())
         values = {name: getattr(settings, name) for name in names}
+        if settings.mixes_display:
+            if truth != "reference":
+                raise expected(f"truth {truth}", "a picture that mixes linear light", "one of display values")
+            values["target"] = settings.target
         if truth == "reference":
             if settings.antialias != "supersample":
                 values["samples"] = 1

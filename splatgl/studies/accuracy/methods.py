@@ -15,7 +15,7 @@ from splatgl.splat.settings import Settings
 
 # references of errors, with descriptions
 TRUTHS = {
-    "reference": "the float64 reference of the same splats: the error of drawing",
+    "reference": "the float64 reference of the same splats, which mixes what the picture mixes: the error of drawing",
     "sampled": "exact splats at many samples a pixel: drawing and antialiasing",
     "integral": "the ray integral of the same splats, at as many samples: splatting too",
     "field": "the field itself, classified after reconstruction and finely marched: all of it, classification too",
@@ -189,7 +189,9 @@ def add_kernel(kernel: str) -> None:
             register(axis)
 
 
-DEFAULT, EXACT, PAPER, PAPER_FLOAT = "default", "exact", "paper 1998", "paper, 32 bits"
+DEFAULT, EXACT, PAPER = "default", "exact", "paper 1998"
+# without its 8 bits of pixels, and of the table too: the form's own error
+PAPER_TABLE, PAPER_FLOAT = "paper, 8-bit table", "paper, 32 bits"
 SAMPLES, SIZES, QUICK_SIZES = (1, 2, 4), (32, 64, 128, 256, 512), (32, 128, 512)
 for _axis in (
     Axis(
@@ -202,10 +204,11 @@ for _axis in (
     ),
     Axis(
         "settings",
-        "the practical settings of 1998, and the splats that are drawn exactly",
+        "the practical settings of 1998, with their 8 bits and without, and the splats that are drawn exactly",
         (
             Method(EXACT),
             Method(PAPER, paper=True, label="paper 1998"),
+            Method(PAPER_TABLE, {"target": "rgba32f"}, "paper, 8-bit table", paper=True),
             Method(PAPER_FLOAT, {"table_bits": 32, "target": "rgba32f"}, "paper, 32 bits", paper=True),
         ),
         ALL,
@@ -269,7 +272,12 @@ for _axis in (
         ),
         FILTERING,
     ),
-    Axis("target", "the frame buffer's numbers", _variants("target", "target", ("rgba16f", "rgba8")), connected=False),
+    Axis(
+        "target",
+        "the frame buffer's numbers; 8 bits mix display values",
+        _variants("target", "target", ("rgba16f", "rgba8")),
+        connected=False,
+    ),
     Axis("technique", "quads instead of tiles", (Method("quads", {"technique": "quads"}, "quads"),), connected=False),
     Axis(
         "occlusion",
