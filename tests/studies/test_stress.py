@@ -16,7 +16,7 @@ from splatgl.cli.main import main
 from splatgl.studies.accuracy import methods
 from splatgl.studies.stress import CASES, optics, run_case
 from splatgl.studies.stress import case as bench
-from splatgl.studies.stress.case import Bench, Case, Check, Result, check
+from splatgl.studies.stress.case import Bench, Case, Check, Result, check, parallel, row_of_dots
 from splatgl.studies.stress.report import PAGES, WIDTHS, as_csv, as_json, as_markdown, heading, line, lines, verdict
 from tests.helpers.splatting import SPLATS
 
@@ -91,6 +91,19 @@ def kept(result: Result) -> None:
 def test_the_papers_form_breaks_it(renderer: sg.Renderer, name: str) -> None:
     checks = run_case(CASES[name], renderer).checks
     assert any(each.paper_error is not None and each.paper_error > each.bound for each in checks)
+
+
+def test_the_paper_is_charged_with_its_own_error(renderer: sg.Renderer) -> None:
+    """Of display values, which it mixes: against linear light alone it would be several times as far."""
+    rng = np.random.default_rng(5)
+    splats = row_of_dots(3.0 * np.arange(60), 0.08, rng.uniform(0, 0.4, (60, 3)))
+    camera, desk = parallel(1.0, (1, 1)), Bench(renderer)
+    settings = sg.Settings.paper()
+    drawn = renderer.render(splats, camera, settings).pixels
+    own = np.abs(drawn - sg.reference.render(splats, camera, settings).pixels).max()
+    right = desk.truth(splats, camera, attenuation="opacity")
+    assert np.abs(desk.paper(splats, camera) - right).max() == pytest.approx(own, abs=1e-5)
+    assert np.abs(drawn - right).max() > 2 * own > 0
 
 
 def test_cases_say_what_they_are() -> None:

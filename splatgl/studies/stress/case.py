@@ -89,8 +89,17 @@ class Bench:
         return pixels
 
     def paper(self, splats: Splats, camera: Camera, **settings: Any) -> np.ndarray:
-        """The image of 1998: hybrid quads, 8-bit table and target, opacity attenuation; by OpenGL."""
-        return self.renderer.render(splats, camera, Settings.paper(**settings)).pixels.astype(np.float64)
+        """The image of 1998: hybrid quads, 8-bit table and target, opacity attenuation; by OpenGL. It mixes display
+        values: its error against exact splats that mix these, too, is added to the exact ones in linear light.
+        """
+        render, chosen, shown = self.renderer.render, Settings.paper(**settings), splats.of_display
+        image = render(splats, camera, chosen).pixels.astype(np.float64)
+        is_plain = not splats.shaded and np.array_equal(shown.records["color"], splats.records["color"])
+        if is_plain or not chosen.mixes_display:
+            return image
+        exact = Settings(**{**PLAIN, "attenuation": "opacity", "tolerance": FINEST, **settings})
+        light, display = (render(each, camera, exact).pixels.astype(np.float64) for each in (splats, shown))
+        return image + (light - display)
 
     def both(self, splats: Splats, camera: Camera, **settings: Any) -> tuple[np.ndarray, np.ndarray]:
         """The image under test, and the paper's."""

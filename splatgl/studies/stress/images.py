@@ -216,7 +216,7 @@ IMAGE_SIZES = ((1, 1), (1, 4096), (4096, 1))
 @IMAGES.case(
     "zoom-range",
     "z_v/z_k from 1e−3 to 1e6, antialiased: an 8-bit alpha is 0 for m > 22.6",
-    "one splat on the axis, X-ray",
+    "one splat on the axis, X-ray; the paper's: −ln(1 − α) of its composite, as X-rays exceed its 8 bits",
     "closed form: F(0)/m², half a line where the eye is in the kernel",
 )
 def _zoom_range(bench: Bench) -> list[Check]:
@@ -226,10 +226,10 @@ def _zoom_range(bench: Bench) -> list[Check]:
         camera = ahead(fov=0.5, size=(33, 33))
         depth = ratio * camera.z_k(1.0)
         dot = dots([(0.0, 0.0, depth)])
-        drawn, paper = map(middle, bench.both(dot, camera, blend="xray"))
+        drawn, paper = middle(bench.draw(dot, camera, blend="xray")), middle(bench.paper(dot, camera))
         # eye inside the kernel: the part in front of it
         whole = float(shape.partial(np.zeros(()), np.array(min(depth, shape.radius)))) + peak() / 2
-        rows.append((drawn[3], whole / max(1.0, ratio) ** 2, paper[3]))
+        rows.append((drawn[3], whole / max(1.0, ratio) ** 2, optical_depth(paper[3])))
     return [check_rows("X-ray, F(0)/m²", rows, SHAPE_BOUND, relative=True)]
 
 
