@@ -11,9 +11,12 @@ from functools import cached_property
 import numpy as np
 
 from splatgl.errors import expected
+from splatgl.options import declared
 from splatgl.splat.camera import Camera
 from splatgl.splat.footprint import Splat, half_line, row1
 from splatgl.splat.kernels import Kernel, kernel
+from splatgl.splat.resolve import PRE_KERNEL, voxel_kernel
+from splatgl.splat.settings import Settings
 from splatgl.studies.figures.footprint_errors import ALL, Form, Peak, Space, maximum
 from splatgl.studies.figures.paper_setup import straight_ahead
 
@@ -52,7 +55,9 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fov", type=float, default=60.0, metavar="A", help="full angle of view in degrees (default 60)"
     )
-    parser.add_argument("--kernel", default="crawfis-max", metavar="NAME", help="crawfis-max or gaussian")
+    kind = declared(Settings)["kernel"].kind
+    about = "radial kernel (default crawfis-max)"
+    parser.add_argument("--kernel", type=kind.parse, default=PRE_KERNEL, metavar=kind.metavar, help=about)
     parser.add_argument(
         "--spacing", type=float, default=1.0, metavar="S", help="voxel spacing, in units of X,Y,Z (default 1)"
     )
@@ -74,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     if not (np.abs(args.voxel) <= FAR * min(args.spacing, 1.0)).all():
         raise expected("X,Y,Z", f"finite numbers, up to {FAR:g} spacings", args.voxel)
     camera = straight_ahead(args.size, args.fov)
-    sight = Sight(kernel(args.kernel), camera, np.array(args.voxel) / args.spacing)
+    sight = Sight(kernel(voxel_kernel(Settings(kernel=args.kernel))), camera, np.array(args.voxel) / args.spacing)
     if sight.voxel[2] <= -sight.kernel.radius:
         raise expected("X,Y,Z", "a voxel in front of the eye", f"Z = {args.voxel[2]:g}", "give a larger Z")
     print("\n".join([*_place(sight, args), "", *_table(sight)]))

@@ -272,6 +272,14 @@ def test_the_option_imports_a_kernel(module: str, capsys: pytest.CaptureFixture[
         del AXES[axis]
 
 
+def test_studies_import_a_kernel(module: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain-splat", "10,5,600", "--kernel", f"{module}:smooth"]) == 0
+    assert "kernel smooth-family, radius" in capsys.readouterr().out
+    picture = ["figure", "5", "letter-f", "-o", "a.png", "--size", "8"]
+    assert main([*picture, "--kernel", f"{module}:smooth"]) == 0
+    assert "kernel smooth-family" in " ".join(capsys.readouterr().out.split())
+
+
 @pytest.mark.parametrize(
     ("name", "told"),
     [

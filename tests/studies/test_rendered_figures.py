@@ -77,6 +77,32 @@ def test_figure_5_is_the_tunnel_twice(here: Path, renderer: sg.Renderer, capsys:
         assert picture.info["Description"] == PICTURES[5].caption
 
 
+@pytest.mark.parametrize("number", ["5", "13"])
+def test_figures_by_the_hardware_path(
+    here: Path, renderer: sg.Renderer, capsys: pytest.CaptureFixture[str], number: str
+) -> None:
+    """Panel (b) is the picture of `--paper` and `--kernel`, pixel for pixel; the caption says so."""
+    asked = ["--size", "24", "--paper", "--kernel", "gaussian", *(["--moments", "0"] if number == "13" else [])]
+    assert main(["figure", number, "letter-f", "-o", "f.png", *asked]) == 0
+    assert "kernel gaussian, by the hardware path of 1998." in " ".join(capsys.readouterr().out.split())
+    figure = PICTURES[int(number)]
+    scene = SceneFile("letter-f", view=ViewOptions(size=(24, 24)))
+    shown = RenderedFigure(figure, scene, renderer.render)
+    camera, ground = shown.track.camera(1 if figure.spin else 0), figure.background
+    settings = sg.Settings.paper(kernel="gaussian", background=ground)
+    right = np.rint(renderer.render(shown.splats, camera, settings).straight()[..., :3] * 255)
+    width, times = 24 * figure.times, figure.times
+    drawn = page()[MARGIN:, MARGIN + width + GAP :][: -MARGIN - ROOM, :width][::times, ::times]
+    rows = [top for top in range(25 - len(drawn)) if (drawn == right[top : top + len(drawn)]).all(axis=-1).mean() > 0.9]
+    assert rows and len(drawn) > 8
+
+
+def test_numbers_of_another_kernel(renderer: sg.Renderer) -> None:
+    scene = SceneFile("letter-f", view=ViewOptions(size=(8, 8))).with_options(kernel="gaussian")
+    shown = RenderedFigure(PICTURES[5], scene, renderer.render)
+    assert {(blend, kernel) for blend, kernel, _ in shown.kinds} == {("xray", "gaussian"), ("composite", "gaussian")}
+
+
 def test_figure_12_has_four_panels_of_the_users_volume(here: Path) -> None:
     assert main(["figure", "12", "letter-f", "-o", "f.png", "--size", "40", "--moments", "5", "--spin", "120"]) == 0
     four = page()

@@ -21,7 +21,7 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source, write_file
-from splatgl.options import Kind
+from splatgl.options import Kind, declared
 from splatgl.scene.draw import DrawOptions
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
@@ -84,7 +84,7 @@ def _measure_still(shown: RenderedFigure) -> Rows:
     draw, splats, camera = shown.draw, shown.splats, shown.camera
     reach = Reach.of(draw, splats, camera)
     window = reach.window()
-    for blend, kernel, ways in KINDS:
+    for blend, kernel, ways in shown.kinds:
         off = shown.settings(0, blend).but(background=None, kernel=kernel)
         right = draw(splats, camera, off.but(antialias="supersample"))
         variants = {"standard": off}
@@ -153,8 +153,9 @@ def _ratio(standard: float, value: float) -> str:
 
 
 MAX_FRAMES = 10_000
-# options of rendered figures only
-ONLY = ("source", "color", "size", "spin", "frames", "motion", "moments")
+# options of the scene, and those of rendered figures only
+CHOSEN = ("color", "kernel", "paper")
+ONLY = ("source", "color", "size", "spin", "frames", "motion", "moments", "kernel", "paper")
 
 
 def add_pictures(parser: argparse.ArgumentParser) -> None:
@@ -164,6 +165,10 @@ def add_pictures(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group(f"rendered figures ({names})")
     group.add_argument("--color", metavar="PICTURE", help="colour picture laid over a height map")
     group.add_argument("--size", type=Kind.picture_size().parse, metavar="W×H", help="pixels of each picture")
+    kind = declared(Settings)["kernel"].kind
+    group.add_argument("--kernel", type=kind.parse, metavar=kind.metavar, help="kernel of each voxel")
+    about = "the hardware path of 1998: hybrid, 8-bit table and target"
+    group.add_argument("--paper", action="store_const", const=True, help=about)
     group.add_argument("--spin", type=float, metavar="DEG", help="12, 13, 14: degrees a frame")
     group.add_argument("--frames", type=int, metavar="N", help="14: how many frames")
     group.add_argument("--motion", choices=MOTIONS, metavar="|".join(MOTIONS), help="12, 13, 14: blur by streaks")
@@ -191,7 +196,7 @@ def run_picture(args: argparse.Namespace) -> int:
     with DrawOptions().renderer() as renderer:
         shown = RenderedFigure(figure, scene, renderer.render, _blur(renderer, args))
         if drawn:
-            about = figure.caption if args.source is None else f"{figure.caption} Here: {shown.volume.name}."
+            about = _about(figure, args, shown.volume)
             write_file(output, encode_sheet(picture(shown), about, f"splatgl {__version__}"))
             print(f"{output}:", fill(f"Figure {figure.number}. {about}", PAGE), sep="\n")
         if args.csv or args.text:
@@ -200,7 +205,11 @@ def run_picture(args: argparse.Namespace) -> int:
                 write_file(Path(args.csv), table.csv().encode())
                 print(f"{args.csv}: the numbers of figure {figure.number}")
             if args.text:
-                print(fill(f"Figure {figure.number}. {figure.caption}", PAGE), table.text(), sep="\n\n")
+                print(
+                    fill(f"Figure {figure.number}. {_about(figure, args, shown.volume)}", PAGE),
+                    table.text(),
+                    sep="\n\n",
+                )
     return 0
 
 
@@ -249,7 +258,15 @@ def _scene(figure: PictureFigure, args: argparse.Namespace) -> SceneFile:
     if Path(source).suffix == ".toml":
         scene = SceneFile.from_toml(Path(source))
         scene = replace(scene, view=replace(scene.view, size=args.size)) if args.size else scene
-    return replace(scene, load={**scene.load, "color": args.color}) if args.color else scene
+    return scene.with_options(**{name: value for name in CHOSEN if (value := getattr(args, name)) is not None})
+
+
+def _about(figure: PictureFigure, args: argparse.Namespace, volume: Volume) -> str:
+    """The caption, and what differs from it."""
+    here = [volume.name] if args.source is not None else []
+    here += [f"kernel {args.kernel}"] if args.kernel is not None else []
+    here += ["by the hardware path of 1998"] if args.paper else []
+    return f"{figure.caption} Here: {', '.join(here)}." if here else figure.caption
 
 
 VARIANTS = ("standard", "antialiased", "motion-blurred", "motion-blurred and antialiased")
@@ -377,6 +394,12 @@ class RenderedFigure:
         ground = self.scene.settings.ground or self.figure.background
         changes = {"classification": "auto", "antialias": ANTIALIAS[variant % 2], "blend": blend, "background": ground}
         return Settings.like("0.1", **{**self.scene.settings.given, **changes})
+
+    @property
+    def kinds(self) -> tuple[tuple[Blend, str, tuple[Attenuation, ...]], ...]:
+        """KINDS, or those of the scene's kernel."""
+        kernel = self.scene.settings.kernel
+        return KINDS if kernel == "auto" else tuple((blend, kernel, ways) for blend, _, ways in KINDS[::2])
 
     def drawer(self, variant: int, track: Turning) -> Draw:
         """The draw function of a variant; the last two have motion blur."""
