@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.cli.options import name_of
+from splatgl.data.accuracy import aliasing_note
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.image import MAPS, SAVED, Image
 from splatgl.data.image_files import JPEG, require_library
@@ -208,9 +209,9 @@ def _view(scene: SceneFile, volume: Volume, image: Image) -> str:
 def _error(image: Image) -> str:
     """Text on the error bound, or on the compared pixels."""
     if "checked" in image.info:
-        return "; ".join(image.accuracy.comparisons)
+        return "; ".join(image.accuracy.comparisons) + aliasing_note(image.info)
     error = image.info["error_bound"]
     if not isinstance(error, float):
         return "its error is not known"
     met = "within" if image.info["tolerance_met"] else "above"
-    return f"error at most {error:.2g}, {met} the tolerance {image.info['tolerance']:.3g}"
+    return f"error at most {error:.2g}, {met} the tolerance {image.info['tolerance']:.3g}{aliasing_note(image.info)}"

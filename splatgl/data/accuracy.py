@@ -8,6 +8,14 @@ from math import ceil, floor, log10
 from typing import Any
 
 
+def aliasing_note(info: Mapping[str, object]) -> str:
+    """What to add to the error of a picture of one sample a pixel, by its provenance, whose voxels are not widened: the
+    reference takes the same samples. "" for others.
+    """
+    aliases = info.get("averaged") is False and info.get("antialias") is False
+    return "; aliasing is not counted" if aliases else ""
+
+
 @dataclass(frozen=True)
 class Accuracy:
     """Error of a picture against the float64 reference of the same splats, linear premultiplied light.
@@ -15,6 +23,7 @@ class Accuracy:
     error_bound: largest error of any channel of any pixel. tolerance: the allowed one. tolerance_met: whether the bound
     is within it. checked: as `sg.check` stores it, of pixels that were drawn in float64. Each is None where it is not
     known. brightest: largest component of a picture of sums, to which its errors are relative. level: of the volume.
+    note: of `aliasing_note`.
     """
 
     error_bound: float | None
@@ -23,6 +32,7 @@ class Accuracy:
     checked: Mapping[str, Any] | None = None
     brightest: float | None = None
     level: int = 0
+    note: str = ""
 
     def __str__(self) -> str:
         """The bound and the tolerance, and a line of each comparison."""
@@ -30,7 +40,7 @@ class Accuracy:
             return "its error is not known"
         known = "no error bound" if self.error_bound is None else f"error bound {self.error_bound:.3g}"
         met = {None: "not known to be met", False: "not met", True: "met"}[self.tolerance_met]
-        return "\n".join([f"{known}: the tolerance {self.tolerance:.3g} is {met}", *self.comparisons])
+        return "\n".join([f"{known}: the tolerance {self.tolerance:.3g} is {met}{self.note}", *self.comparisons])
 
     @property
     def comparisons(self) -> tuple[str, ...]:

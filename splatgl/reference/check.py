@@ -21,7 +21,8 @@ from zlib import crc32
 import numpy as np
 
 from splatgl.coercion import public
-from splatgl.data.accuracy import Accuracy
+from splatgl.data.accuracy import Accuracy, aliasing_note
+from splatgl.data.color import light_of_display, srgb_from_linear
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.reference.field import kept_field_integral
@@ -123,6 +124,7 @@ def accuracy_of(image: Image) -> Accuracy:
         checked if isinstance(checked, dict) else None,
         brightest,
         level if isinstance(level, int) else 0,
+        aliasing_note(info),
     )
 
 
@@ -205,7 +207,9 @@ def _empty(settings: Settings) -> np.ndarray:
     """[4]: the pixel that no splat reaches."""
     if settings.ground is None or BLENDS[settings.blend].unbounded:
         return np.zeros(4)
-    return np.array([*settings.ground, 1.0])
+    if not settings.mixes_display:
+        return np.array([*settings.ground, 1.0])
+    return light_of_display(np.array([*srgb_from_linear(np.array(settings.ground)), 1.0], np.float32))
 
 
 def _affordable(sampling: Sampling, draw: Drawn, seconds: float) -> int:

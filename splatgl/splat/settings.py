@@ -217,13 +217,13 @@ class Settings:
     align: Align = _paper(
         "auto",
         Kind.choice(Align),
-        "orientation of splats. exact: line integral [row 1]; ray: quads across the ray [row 4]; grid: quads along "
-        "the grid [row 5]; hybrid: ray up to --z-s, then grid [4.2]; auto: exact",
+        "orientation of splats. exact: line integral [row 1]; ray: quads across the ray [row 4]; grid: quads "
+        "parallel to the image [row 5]; hybrid: ray up to --z-s, then grid [4.2]; auto: exact",
     )
     z_s: float | None = _paper(
         None,
         Kind.number("a depth of at least 0", 0, metavar="Z"),
-        "depth from which hybrid splats align with the grid, world units (default: by --tolerance)",
+        "depth from which hybrid splats are parallel to the image, world units (default: by --tolerance)",
     )
     attenuation: Attenuation = _paper(
         "auto",

@@ -82,7 +82,7 @@ def test_reaching_the_eyes_plane(capsys: pytest.CaptureFixture[str]) -> None:
         (["0,0,-2"], "X,Y,Z: expected a voxel in front of the eye"),
         (["1,2,3", "--size", "0"], "size: expected"),
         (["1,2,3", "--fov", "180"], "fov: expected"),
-        (["1,2,3", "--kernel", "box"], "kernel: expected crawfis-max or gaussian"),
+        (["1,2,3", "--kernel", "box"], "--kernel: expected NAME|MODULE:NAME, auto or crawfis-max"),
         (["1,2,3", "--spacing", "0"], "spacing: expected a positive length"),
     ],
 )

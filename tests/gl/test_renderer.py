@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.cli.output import _error
 from splatgl.data.scenes import letter_f
 from splatgl.gl.buffers import uneven
 from splatgl.gl.target import settle
@@ -202,6 +203,17 @@ def test_a_picture_tells_whether_its_tolerance_is_met(letter: sg.Splats, rendere
     bright.records["optical_depth"] *= 300
     image = renderer.render(bright, camera, SPLATS.but(blend="xray"))
     assert image.info["error_bound"] > image.info["tolerance"] and image.info["tolerance_met"] is True
+
+
+def test_aliasing_is_not_counted(letter: sg.Splats, renderer: sg.Renderer) -> None:
+    """The reference takes the same single sample of a pixel: the tolerance that is met says nothing of aliasing."""
+    camera = sg.Camera.orbit(letter, 20, 30, size=(12, 9))
+    told = {}
+    for name in ("off", "auto", "paper", "supersample"):
+        image = renderer.render(letter, camera, SPLATS.but(antialias=name))
+        told[name] = "aliasing is not counted" in str(image.accuracy)
+        assert told[name] is ("aliasing is not counted" in _error(image))
+    assert told == {"off": True, "auto": False, "paper": False, "supersample": False}
 
 
 def test_without_a_bound_no_tolerance_is_met(letter: sg.Splats, renderer: sg.Renderer) -> None:

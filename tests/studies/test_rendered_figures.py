@@ -13,6 +13,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
+from splatgl.studies.figures import rendered
 from splatgl.studies.figures.rendered import (
     GAP,
     INK,
@@ -24,6 +25,7 @@ from splatgl.studies.figures.rendered import (
     by_moments,
     enlarge,
     sheet,
+    wrapped,
 )
 from tests.helpers.figures import refused
 from tests.helpers.splatting import SPLATS
@@ -42,19 +44,39 @@ def page(path: str = "f.png") -> np.ndarray:
         return np.asarray(picture)
 
 
+@pytest.fixture
+def brief(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Captions that fit below small pictures."""
+    monkeypatch.setattr(rendered, "VARIANTS", "ijkl")
+
+
 def test_panels_are_pixel_for_pixel(rng: np.random.Generator) -> None:
     first, second = rng.random((2, 4, 5, 3))
-    line = np.zeros((8, 10), bool)
+    line = np.zeros((32, 40), bool)
     line[2, 3] = True
-    found = sheet([[(enlarge(first, 2), "one"), (enlarge(second, 2, line), "two")], [(enlarge(first, 3), "")]])
+    found = sheet([[(enlarge(first, 8), "one"), (enlarge(second, 8, line), "two")], [(enlarge(first, 3), "")]])
     shown = np.rint(sg.Image(np.dstack([first, np.ones((4, 5))])).straight()[..., :3] * 255)
-    assert (found[MARGIN : MARGIN + 8 : 2, MARGIN : MARGIN + 10 : 2] == shown).all()
-    left = MARGIN + 10 + GAP
+    assert (found[MARGIN : MARGIN + 32 : 8, MARGIN : MARGIN + 40 : 8] == shown).all()
+    left = MARGIN + 40 + GAP
     assert tuple(found[MARGIN + 2, left + 3]) == INK and tuple(found[MARGIN + 1, left + 3]) == PAPER
-    top = MARGIN + 8 + ROOM + GAP
+    top = MARGIN + 32 + ROOM + GAP
+    top += len(found) - (top + 12 + ROOM + MARGIN)
     assert (found[top : top + 12 : 3, MARGIN : MARGIN + 15 : 3] == shown).all()
     # letters stand below the first row, none below the second
-    assert (found[MARGIN + 8 : top] < 128).any() and not (found[top + 12 :] < 128).any()
+    assert (found[MARGIN + 32 : top] < 128).any() and not (found[top + 12 :] < 128).any()
+
+
+@pytest.mark.parametrize("side", [192, 96, 40])
+def test_captions_are_whole(side: int) -> None:
+    """No word leaves the page, and none touches that of another picture."""
+    blank = np.full((8, side, 3), 255, np.uint8)
+    both = sheet([[(blank, words) for words in rendered.VARIANTS[2:]]])
+    inked = np.flatnonzero((both < 128).any(axis=(0, 2)))
+    assert inked[0] >= MARGIN and inked[-1] < both.shape[1] - MARGIN and np.diff(inked).max() >= GAP - 2
+    assert [wrapped("(d) motion-blurred and antialiased", width, 15) for width in (1000, 1)] == [
+        ["(d) motion-blurred and antialiased"],
+        ["(d)", "motion-blurred", "and", "antialiased"],
+    ]
 
 
 @pytest.mark.long
@@ -77,23 +99,24 @@ def test_figure_5_is_the_tunnel_twice(here: Path, renderer: sg.Renderer, capsys:
         assert picture.info["Description"] == PICTURES[5].caption
 
 
+@pytest.mark.usefixtures("brief")
 @pytest.mark.parametrize("number", ["5", "13"])
 def test_figures_by_the_hardware_path(
     here: Path, renderer: sg.Renderer, capsys: pytest.CaptureFixture[str], number: str
 ) -> None:
     """Panel (b) is the picture of `--paper` and `--kernel`, pixel for pixel; the caption says so."""
-    asked = ["--size", "24", "--paper", "--kernel", "gaussian", *(["--moments", "0"] if number == "13" else [])]
+    asked = ["--size", "32", "--paper", "--kernel", "gaussian", *(["--moments", "0"] if number == "13" else [])]
     assert main(["figure", number, "letter-f", "-o", "f.png", *asked]) == 0
     assert "kernel gaussian, by the hardware path of 1998." in " ".join(capsys.readouterr().out.split())
     figure = PICTURES[int(number)]
-    scene = SceneFile("letter-f", view=ViewOptions(size=(24, 24)))
+    scene = SceneFile("letter-f", view=ViewOptions(size=(32, 32)))
     shown = RenderedFigure(figure, scene, renderer.render)
     camera, ground = shown.track.camera(1 if figure.spin else 0), figure.background
     settings = sg.Settings.paper(kernel="gaussian", background=ground)
     right = np.rint(renderer.render(shown.splats, camera, settings).straight()[..., :3] * 255)
-    width, times = 24 * figure.times, figure.times
+    width, times = 32 * figure.times, figure.times
     drawn = page()[MARGIN:, MARGIN + width + GAP :][: -MARGIN - ROOM, :width][::times, ::times]
-    rows = [top for top in range(25 - len(drawn)) if (drawn == right[top : top + len(drawn)]).all(axis=-1).mean() > 0.9]
+    rows = [top for top in range(33 - len(drawn)) if (drawn == right[top : top + len(drawn)]).all(axis=-1).mean() > 0.9]
     assert rows and len(drawn) > 8
 
 
@@ -103,6 +126,7 @@ def test_numbers_of_another_kernel(renderer: sg.Renderer) -> None:
     assert {(blend, kernel) for blend, kernel, _ in shown.kinds} == {("xray", "gaussian"), ("composite", "gaussian")}
 
 
+@pytest.mark.usefixtures("brief")
 def test_figure_12_has_four_panels_of_the_users_volume(here: Path) -> None:
     assert main(["figure", "12", "letter-f", "-o", "f.png", "--size", "40", "--moments", "5", "--spin", "120"]) == 0
     four = page()
@@ -118,6 +142,7 @@ def test_figure_12_has_four_panels_of_the_users_volume(here: Path) -> None:
     assert steps[1] < 0.7 * steps[0]
 
 
+@pytest.mark.usefixtures("brief")
 def test_figure_14_abuts_columns_of_blocks(here: Path, renderer: sg.Renderer) -> None:
     assert main(["figure", "14", "letter-f", "-o", "f.png", "--size", "32", "--frames", "7", "--moments", "2"]) == 0
     found = page()

@@ -7,6 +7,7 @@ import io
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import ceil
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
@@ -476,8 +477,9 @@ def _low_view(volume: Volume, size: tuple[int, int]) -> ViewOptions | None:
     return ViewOptions(size=size, eye=eye, look_at=(x, y, bottom + LOW_TARGET * width), fov=60.0)
 
 
-# sizes in sheet pixels: gap between panels, outer margin, text height, and room for the caption below a panel
-GAP, MARGIN, TEXT, ROOM = 12, 10, 15, 26
+# sizes in sheet pixels: gap between panels, outer margin, text height and its least, gap between lines, and room for a
+# line below a panel
+GAP, MARGIN, TEXT, LEAST_TEXT, SPACING, ROOM = 12, 10, 15, 11, 3, 26
 PAPER, INK = (255, 255, 255), (0, 0, 0)
 
 
@@ -493,26 +495,55 @@ def enlarge(pixels: np.ndarray, times: int, line: np.ndarray | None = None) -> n
     return shown
 
 
+def wrapped(text: str, width: float, size: int) -> list[str]:
+    """The text in lines of at most `width` pixels in a font of that size, each of one word at least."""
+    font, lines = load_font(size), [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".strip()
+        if not lines[-1] or font.getlength(longer) <= width:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines
+
+
 def sheet(rows: Sequence[Sequence[tuple[np.ndarray, str]]]) -> np.ndarray:
-    """uint8 [H, W, 3]: rows of pictures with captions, lettered (a), (b), … in reading order."""
+    """uint8 [H, W, 3]: rows of pictures with captions, lettered (a), (b), … in reading order. Captions are wrapped to
+    their pictures in a font in which each word fits, if there is one; else pictures stand farther apart.
+    """
     from PIL import Image, ImageDraw
 
-    width = max(sum(shown.shape[1] + GAP for shown, _ in row) - GAP for row in rows) + 2 * MARGIN
-    height = sum(max(len(shown) for shown, _ in row) + ROOM + GAP for row in rows) - GAP + 2 * MARGIN
-    page = Image.new("RGB", (width, height), PAPER)
-    pen, font = ImageDraw.Draw(page), load_font(TEXT)
     letters = iter("abcdefghijklmnop")
-    top = MARGIN
-    for row in rows:
-        tall = max(len(shown) for shown, _ in row)
+    titled = [[(shown, f"({next(letters)}) {words}" if words else "") for shown, words in row] for row in rows]
+
+    def cells(size: int) -> list[list[tuple[np.ndarray, list[str], int]]]:
+        """Pictures, lines, and the width that both take."""
+        measure, found = load_font(size).getlength, list[list[tuple[np.ndarray, list[str], int]]]()
+        for row in titled:
+            lines = [wrapped(words, shown.shape[1], size) for shown, words in row]
+            wide = [
+                max(shown.shape[1], *map(ceil, map(measure, text))) for (shown, _), text in zip(row, lines, strict=True)
+            ]
+            found.append([(shown, text, width) for (shown, _), text, width in zip(row, lines, wide, strict=True)])
+        return found
+
+    widest = [[shown.shape[1] for shown, _ in row] for row in titled]
+    sizes = range(TEXT, LEAST_TEXT, -1)
+    size = next((n for n in sizes if [[wide for *_, wide in row] for row in cells(n)] == widest), LEAST_TEXT)
+    chosen, step, font = cells(size), size + SPACING, load_font(size)
+    rooms = [ROOM + step * (max(len(lines) for _, lines, _ in row) - 1) for row in chosen]
+    width = max(sum(wide + GAP for *_, wide in row) - GAP for row in chosen) + 2 * MARGIN
+    heights = [max(len(shown) for shown, *_ in row) for row in chosen]
+    page = Image.new("RGB", (width, sum(heights) + sum(rooms) + GAP * (len(rows) - 1) + 2 * MARGIN), PAPER)
+    pen, top = ImageDraw.Draw(page), MARGIN
+    for row, tall, room in zip(chosen, heights, rooms, strict=True):
         left = MARGIN
-        for shown, words in row:
+        for shown, lines, wide in row:
             page.paste(Image.fromarray(shown), (left, top))
-            middle = left + shown.shape[1] / 2, top + tall + ROOM / 2
-            if words:
-                pen.text(middle, f"({next(letters)}) {words}", INK, font=font, anchor="mm")
-            left += shown.shape[1] + GAP
-        top += tall + ROOM + GAP
+            for n, line in enumerate(lines):
+                pen.text((left + wide / 2, top + tall + ROOM / 2 + n * step), line, INK, font=font, anchor="mm")
+            left += wide + GAP
+        top += tall + room + GAP
     return np.asarray(page)
 
 
