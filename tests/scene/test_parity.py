@@ -54,6 +54,8 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Callable[[Draft], Source], ...]]] =
         {"load": {"channel": "all"}, "annotate": ["scale"], "camera": {"size": [72, 64]}},
         (channels,),
     ),
+    "display values of 8 bits": ({"settings": {"target": "rgba8", "background": "#808080"}}, (amounts,)),
+    "labels of 8 bits": ({"settings": {"target": "rgba8"}}, (labels,)),
     "a part of a layer left whole": ({"layer": UNCUT}, (amounts, labels)),
 }
 # the least scene with a trait that a door refuses
