@@ -9,11 +9,10 @@ from typing import Any
 
 
 def aliasing_note(info: Mapping[str, object]) -> str:
-    """What to add to the error of a picture of one sample a pixel, by its provenance, whose voxels are not widened: the
+    """What to add to the error of a picture, by its provenance, whose voxels are narrower than its samples, as the
     reference takes the same samples. "" for others.
     """
-    aliases = info.get("averaged") is False and info.get("antialias") is False
-    return "; aliasing is not counted" if aliases else ""
+    return "; aliasing is not counted" if info.get("aliased") is True else ""
 
 
 @dataclass(frozen=True)

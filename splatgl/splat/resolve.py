@@ -138,6 +138,7 @@ class Resolved:
             "antialias": self.view.antialias,
             "samples": self.samples,
             "averaged": self.averaged,
+            "aliased": not self.averaged and not self.view.antialias and self.depths[1] > self.z_k,
             "classification": "post" if self.look.steps else "pre",
             "sheets": self.look.sheets,
             "steps": self.look.steps,
