@@ -494,11 +494,11 @@ def with_shared_casters(resolved: Sequence[Resolved], layers: Sequence[tuple[Spl
 
 def check_layer(resolved: Resolved, name: str) -> None:
     """Raises InputError for a layer that composites splat by splat, whose order among other layers is unknown."""
-    if resolved.display:
-        raise expected("target rgba8", "a single layer, without meshes", "more of them")
     if resolved.look.blend.ordered and resolved.sheets is None and not resolved.boxes:
         why = next((note for note in resolved.notes if note.startswith("sheets")), "compositing splats was asked for")
         raise InputError(f"layer {name or 'without a name'}: layers composite in sheets, not splat by splat; {why}")
+    if resolved.display:
+        raise expected("target rgba8", "a single layer, without meshes", "more of them")
 
 
 def join_pictures(pictures: Sequence[np.ndarray], settings: Settings) -> np.ndarray:

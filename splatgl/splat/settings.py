@@ -383,8 +383,8 @@ class Settings:
 
     @classmethod
     def paper(cls, **changes: Unpack[SettingsKeywords]) -> Settings:
-        """The 1998 hardware path: hybrid, an 8-bit 256×256 table, opacity attenuation, quads, 8-bit target, every splat
-        in order.
+        """The 1998 hardware path: hybrid, an 8-bit 256×256 table, opacity attenuation, quads, 8-bit target that mixes
+        display values, every splat in order.
         """
         return cls(
             **LIKE["0.1"],

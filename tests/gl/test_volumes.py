@@ -201,12 +201,14 @@ def test_sums_need_more_than_8_bits(renderer: sg.Renderer) -> None:
 
 
 def test_8_bits_hold_a_single_layer(renderer: sg.Renderer) -> None:
-    volume = sg.Volume(np.ones((3, 3, 3)))
-    scene = sg.Scene([sg.Layer(volume), sg.Layer(volume)])
-    camera = sg.Camera.orbit(scene, size=(4, 4))
-    for draw in (renderer.render, sg.reference.render):
-        with pytest.raises(sg.InputError, match="target rgba8: expected a single layer, without meshes"):
-            draw(scene, camera, sg.Settings.paper())
+    """Of labels, too, which are drawn as boxes instead of splats in sheets."""
+    values, labels = np.ones((3, 3, 3)), sg.Volume(np.ones((3, 3, 3), np.uint8)).of_values("labels")
+    for volume, told in ((sg.Volume(values), "target rgba8"), (labels, "target rgba8: expected a single layer")):
+        scene = sg.Scene([sg.Layer(volume), sg.Layer(volume)])
+        camera = sg.Camera.orbit(scene, size=(4, 4))
+        for draw in (renderer.render, sg.reference.render):
+            with pytest.raises(sg.InputError, match=told):
+                draw(scene, camera, sg.Settings(target="rgba8"))
 
 
 def test_shading_is_a_head_light(renderer: sg.Renderer) -> None:
