@@ -1,4 +1,4 @@
-"""Draws every splat as an instance of a textured quad, blended in drawing order.  [M98 §5]"""
+"""Draws every splat as an instance of a textured quad, blended in drawing order.  [M98 §3.5]"""
 
 from __future__ import annotations
 

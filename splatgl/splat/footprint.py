@@ -318,7 +318,10 @@ def row2(splat: Splat) -> np.ndarray:
 
 
 def row3(splat: Splat) -> np.ndarray:
-    """Ray-perpendicular, ideal [M98 Table 1 row 3, with its errors corrected]."""
+    """Ray-perpendicular, ideal [M98 Table 1 row 3].
+
+    Printed with y_v, z_v for x_v, y_v and without the squares in its numerators, which is corrected here.
+    """
     length = np.sqrt(_dot(splat.voxel, splat.voxel))
     tan = np.minimum(splat.tan_length / length, 1e150)
     q = np.sqrt(1 + (tan / splat.m) ** 2)
@@ -327,7 +330,10 @@ def row3(splat: Splat) -> np.ndarray:
 
 
 def row4(splat: Splat) -> np.ndarray:
-    """Ray-perpendicular, practical: a textured quad perpendicular to the eye–voxel ray [M98 Table 1 row 4]."""
+    """Ray-perpendicular, practical: a textured quad perpendicular to the eye–voxel ray [M98 Table 1 row 4].
+
+    Its denominator is z_v z_k + y_p y_v by the geometry; the printed sign, a minus, is a misprint.
+    """
     return splat.gain * splat.kernel.footprint(splat.tan_length / splat.m)
 
 

@@ -3,7 +3,7 @@
 Along every axis the cells beyond the eye's are read in descending order first, the rest ascending:
 plane by plane, within a plane row by row, within a row splat by splat. Of two cells that share a face,
 the one on the eye's side comes last. Planes lie across the view, so that overlapping footprints are
-seldom drawn out of depth order.  [M98 §5: drawn back to front without a sort]
+seldom drawn out of depth order.  [M98 §3.5: drawn back to front without a sort]
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """`Splats`: records in rows, caches, parts and points.
 
 Positions are grid indices, small and exact in float32; the affine grid maps them to world space in
-float64. Only non-empty rows are stored (compressed sparse rows).  [M98 §5, voxel extractor]
+float64. Only non-empty rows are stored (compressed sparse rows).  [M98 §3.5, voxel extractor]
 
 Run lengths count occupied cells around a splat along each axis: 1 across a dot, thread, sheet or surface layer. They
 give the filled share of a pixel wider than a voxel, and its number of layers in depth.

@@ -44,3 +44,18 @@ def test_nothing_comes_from_behind() -> None:
     """A voxel behind the eye has no ray-perpendicular footprint on any ray."""
     splat = Splat(kernel("gaussian"), np.array([0.1, 0.0, -3.0]), np.zeros((1, 2)), 443.0)
     assert ROWS["row4"](splat) == 0
+
+
+def test_row_4_has_a_plus_where_a_minus_is_printed() -> None:
+    """tan δ = (y_p z_v − y_v z_k)/(z_v z_k + y_p y_v) in the plane; the printed minus misses by many levels."""
+    h, z_k, y, z = kernel("gaussian"), 443.405, 256.0, 500.0
+    pixel = y * z_k / z + np.linspace(-1.5, 1.5, 31)
+    voxel = np.array([0.0, y, z])
+    slope = np.stack([np.zeros(31), pixel / z_k], axis=-1)
+    found = ROWS["row4"](Splat(h, voxel, slope, z_k, planar=True))
+    for sign, right in ((1, True), (-1, False)):
+        tan = (pixel * z - y * z_k) / (z * z_k + sign * pixel * y)
+        m = z / z_k
+        printed = h.footprint(np.abs(np.hypot(y, z) * tan / m)) / m
+        worst = 255 * np.abs(found - printed).max() / found.max()
+        assert worst < 1e-8 if right else worst > 20

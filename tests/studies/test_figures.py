@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from splatgl.cli.main import main
+from splatgl.errors import InputError
+from splatgl.splat.kernels import Gaussian, register_kernel
 from splatgl.studies.figures import FIGURES, footprint_errors, geometry, motion_blur
 from splatgl.studies.figures.footprint_errors import ALL, DEPTHS, OFFSETS, SURFACE_ROWS, Plane, Space, Surfaces, maximum
 from splatgl.studies.figures.paper_setup import PAPER, Setting
@@ -74,6 +76,26 @@ def test_errors_of_figure_9() -> None:
             swept = voxel.levels(row, np.linspace(-0.96, 0.96, 1001)).max()
             assert float(voxel.plane.levels(ALL[row])[0]) == pytest.approx(level, abs=digit)
             assert float(swept) == pytest.approx(level, abs=max(digit, 2e-3 * level))
+
+
+@pytest.mark.parametrize(
+    ("k", "levels", "ripple"), [(2.0, 27.11, 0.043), (1.38**2, 27.12, 0.033), (1.38, 27.18, 0.006)]
+)
+def test_readings_of_the_papers_gaussian_fit_its_figure_9(k: float, levels: float, ripple: float) -> None:
+    """Errors at z_k and at the back do not tell k; the largest deviation of a lattice's sum from 1 does."""
+    shape = Gaussian(k)
+    planes = [Plane(shape, PAPER.z_k, np.array([v.y]), np.array([v.z])) for v in footprint_errors.VOXELS[1:]]
+    near, far = (float(plane.levels(ALL["row5"])[0]) for plane in planes)
+    assert near == pytest.approx(levels, abs=5e-3) and far == pytest.approx(7.813, abs=2e-3)
+    cell = np.stack(np.meshgrid(*[np.arange(8) / 8] * 3, indexing="ij"), axis=-1)[..., None, :]
+    lattice = np.stack(np.meshgrid(*[np.arange(-2, 4)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    total = shape.value(np.linalg.norm(cell - lattice, axis=-1)).sum(axis=-1)
+    assert np.abs(total - 1).max() == pytest.approx(ripple, abs=6e-4)
+
+
+def test_a_gaussian_with_a_visible_rim_is_refused() -> None:
+    with pytest.raises(InputError, match=r"kernel gaussian-flat: expected a step of at most 0\.001"):
+        register_kernel(Gaussian(1.38, name="gaussian-flat"))
 
 
 def test_space_and_plane_find_the_same_before_z_k() -> None:
