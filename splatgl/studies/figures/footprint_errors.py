@@ -7,7 +7,7 @@ a stretch by m attenuates by 1/m; `Space` is the splat as drawn.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -59,9 +59,9 @@ class Voxel:
 
     def levels(self, form: str, place: np.ndarray) -> np.ndarray:
         """|form − row 1| on rays, in 1/255 of row 1's largest value."""
-        splat = self.plane.splat(place[None], planar=form in PLANAR)
-        top = float(row1(self.plane.splat(np.linspace(-1, 1, RAYS)[None], splat.planar)).max())
-        return np.asarray(255 * difference(ALL[form], splat)[0] / top)
+        plane = replace(self.plane, planar=form in PLANAR)
+        top = float(row1(plane.splat(np.linspace(-1, 1, RAYS)[None])).max())
+        return np.asarray(255 * difference(ALL[form], plane.splat(place[None]))[0] / top)
 
 
 VOXELS = (
@@ -307,12 +307,16 @@ def maximum(function: Callable[[np.ndarray], np.ndarray], count: int, axes: int,
 
 @dataclass(frozen=True)
 class Plane:
-    """Voxels (0, y, z) [N] and rays in their plane; place ±1 is a little outside of the footprint."""
+    """Voxels (0, y, z) [N] and rays in their plane; place ±1 is a little outside of the footprint.
+
+    planar: the paper's analysis, where a stretch by m weakens by 1/m; else the splat as drawn, weakened by 1/m².
+    """
 
     kernel: Kernel
     z_k: float
     y: np.ndarray
     z: np.ndarray
+    planar: bool = True
 
     @property
     def reach(self) -> np.ndarray:
@@ -324,11 +328,11 @@ class Plane:
         """Slopes dy/dz [N, K] of places [N or 1, K]."""
         return np.asarray((self.y / self.z)[:, None] + self.reach[:, None] * place)
 
-    def splat(self, place: np.ndarray, planar: bool = True) -> Splat:
-        """Arguments of the forms, for places [N or 1, K]; planar: False for the splat as drawn."""
+    def splat(self, place: np.ndarray) -> Splat:
+        """Arguments of the forms, for places [N or 1, K]."""
         slope = self.slope(place)
         voxel = np.stack([np.zeros_like(self.y), self.y, self.z], axis=-1)[:, None]
-        return Splat(self.kernel, voxel, np.stack([np.zeros_like(slope), slope], axis=-1), self.z_k, planar)
+        return Splat(self.kernel, voxel, np.stack([np.zeros_like(slope), slope], axis=-1), self.z_k, self.planar)
 
     def error(self, form: Form) -> np.ndarray:
         """[N]: the largest |form − row 1|, excluding the rim (see `spike`)."""
