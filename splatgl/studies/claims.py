@@ -19,6 +19,7 @@ from splatgl.studies.figures.footprint_errors import (
     ALL,
     DEPTHS,
     OFFSETS,
+    SWITCH,
     VOXELS,
     Form,
     Space,
@@ -33,7 +34,7 @@ from splatgl.studies.tables import PAGE
 # tolerances in levels for z_s
 TOLERANCES = (8.0, 4.0, 2.0, 1.0, 0.5)
 # values that the paper reads off its figures
-SHARE, SWITCH, BOX = 0.05, 70.0, 0.02
+SHARE, BOX = 0.05, 0.02
 # relative difference up to which z_s counts as equal to the paper's
 NEARLY = 0.1
 # minimum correlation of two surfaces that "behave as" each other

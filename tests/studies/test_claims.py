@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from splatgl.cli.main import main
+from splatgl.splat.footprint import Splat
 from splatgl.splat.kernels import KERNELS
 from splatgl.studies.claims import TOLERANCES, Claim, claims, layer_sums, page
-from splatgl.studies.figures.footprint_errors import ALL
+from splatgl.studies.figures.footprint_errors import ALL, surfaces
 from splatgl.studies.figures.paper_setup import PAPER
 
 # z_s/z_k at 30° for 8, 4, 2, 1 and 0.5 levels
@@ -80,6 +82,10 @@ def test_cumulative_error_is_like_the_largest(found: dict[str, Claim]) -> None:
     assert ratios[1] / ratios[0] < 2 and ratios[3] / ratios[2] < 4
 
 
+def weakened(share: float, splat: Splat) -> np.ndarray:
+    return share * ALL["row1"](splat)
+
+
 @pytest.mark.long
 def test_verdicts_follow_the_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     """A row 4 without error would bear out what now does not hold."""
@@ -90,10 +96,10 @@ def test_verdicts_follow_the_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     assert module.in_between().holds and module.xray_of("row5").holds
     assert not module.close_to_z_k().holds
     for name, share in (("row4", 0.9), ("row5", 0.95)):
-        monkeypatch.setitem(ALL, name, lambda splat, share=share: share * ALL["row1"](splat))
-    module.surfaces.cache_clear()
+        monkeypatch.setitem(ALL, name, partial(weakened, share))
+    surfaces.cache_clear()
     assert module.better_behind().holds and not module.share_of_row5().holds
-    module.surfaces.cache_clear()
+    surfaces.cache_clear()
 
 
 def test_claims_of_the_paper_name_its_section() -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from splatgl.cli.main import main
 from splatgl.errors import InputError
+from splatgl.splat.footprint import ROWS, Splat
 from splatgl.splat.kernels import Gaussian, register_kernel
 from splatgl.studies.figures import FIGURES, footprint_errors, geometry, motion_blur
 from splatgl.studies.figures.footprint_errors import ALL, DEPTHS, OFFSETS, SURFACE_ROWS, Plane, Space, Surfaces, maximum
@@ -134,17 +135,30 @@ def test_trapezoid_has_rays_for_sides_and_is_off_by_r_squared_over_z_k() -> None
     (near, low), (_, high), (far, top), (_, bottom), _ = voxel.outline()
     assert high / near == pytest.approx(top / far) == pytest.approx(-low / near) == pytest.approx(-bottom / far)
     assert voxel.box_for_trapezoid()[0] == pytest.approx(voxel.kernel.radius**2 / voxel.z_k)
-    assert voxel.value(np.array(1.2), np.array(voxel.z)) == voxel.value(np.array(1.2), np.array(voxel.z), box=True)
+    trapezoid, box = (voxel.value(row, np.array(1.2), np.array(voxel.z)) for row in ("row1", "row2"))
+    assert trapezoid == box
 
 
-def test_orientations_sample_where_their_distances_say() -> None:
-    sight = geometry.example_sight()
-    voxel = np.array([sight.z, sight.y])
-    for name, point in sight.points.items():
-        assert point[1] / point[0] == pytest.approx(sight.slope)
-        assert np.linalg.norm(point - voxel) == pytest.approx(sight.distances[name])
-    assert (sight.points["row4"] - voxel) @ voxel == pytest.approx(0, abs=1e-12)
-    assert sight.points["row5"][0] == sight.z
+@pytest.mark.parametrize("row", ["row1", "row2", "row4", "row5"])
+def test_drawn_kernels_integrate_to_their_rows(row: str) -> None:
+    """Figs. 8 and 9: row 5's over depth, the others' over the ray's length; row 1's weakened by (z_k/z)² within."""
+    voxel = geometry.oblique_voxel()
+    slope = (voxel.y + np.array([-2.0, -0.7, 0.0, 1.3]))[:, None] / voxel.z
+    depth = voxel.z + np.linspace(-4, 4, 8001)
+    weight = (voxel.z_k / depth) ** 2 if row == "row1" else np.full_like(depth, voxel.m**-2.0)
+    measure = np.ones_like(slope) if row == "row5" else np.sqrt(1 + slope**2)
+    peak = voxel.kernel.value(np.zeros(()))
+    found = (measure * weight * voxel.value(row, slope * depth, depth) * peak).sum(axis=1) * (depth[1] - depth[0])
+    splat = Splat(voxel.kernel, np.array([0.0, voxel.y, voxel.z]), np.hstack([0 * slope, slope]), voxel.z_k)
+    assert found == pytest.approx(ROWS[row](splat), rel=2e-3)
+
+
+def test_quads_lie_across_their_rays() -> None:
+    voxel = geometry.oblique_voxel()
+    for row, across in (("row5", (1.0, 0.0)), ("row4", (voxel.z, voxel.y))):
+        quad = voxel.quad(row)
+        assert (quad - (voxel.z, voxel.y)) @ across == pytest.approx(0, abs=1e-12)
+        assert np.linalg.norm(quad[-1] - quad[0]) == pytest.approx(2 * voxel.m * voxel.kernel.radius)
 
 
 @pytest.fixture
@@ -176,6 +190,19 @@ def test_pictures_can_be_read(number: int) -> None:
         assert page.x0 <= box.x0 and box.x1 <= page.x1 and page.y0 <= box.y0 and box.y1 <= page.y1, text
         for other, there in zip(shown[:i], boxes[:i], strict=True):
             assert not box.padded(-1).overlaps(there.padded(-1)), (text, other)
+
+
+@pytest.mark.usefixtures("light")
+def test_figure_10c_is_row_5_minus_row_4_over_depth() -> None:
+    pytest.importorskip("matplotlib", reason="draws figures; it is in the extra plots")
+    grid = footprint_errors.surfaces()
+    with style():
+        curves = footprint_errors.error_surfaces().axes[-1].lines
+    for curve, y in zip(curves, (256.0, 128.0), strict=False):
+        column = list(grid.y).index(y)
+        extra = (grid.errors["row5"] - grid.errors["row4"])[:, column]
+        assert curve.get_xydata() == pytest.approx(np.column_stack([grid.dz, extra]))
+    assert [line.get_xdata()[0] for line in curves[-2:]] == [0, 70]
 
 
 def drawn_texts(figure: Any) -> list[Any]:

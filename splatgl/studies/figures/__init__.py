@@ -66,22 +66,25 @@ _ALL = (
     ),
     Figure(
         8,
-        "Where a pixel's ray meets a grid-aligned and a ray-perpendicular quad, and what it reads there: the "
-        "latter is almost at the ray's true distance from the voxel.",
-        geometry.orientations,
-        geometry.orientation_table,
+        "Four stretches of a kernel beyond z_k, off the axis, by what Table 1 integrates along diverging rays: the "
+        "trapezoid (a), the box (b), a quad parallel to the image (c), and one perpendicular to the eye–voxel ray (d), "
+        "across which the kernel is stretched.",
+        geometry.four_stretches,
+        geometry.stretches_table,
     ),
     Figure(
         9,
-        "Three voxels of a 512³ volume: isolines of the stretched kernel and its quads in perspective space "
-        "(left), and the line integrals' errors in 1/255 of their peak (right).",
+        "Three voxels of a 512³ volume in perspective space (left): isolines of the stretched kernel, of the kernels "
+        "that rows 4 and 5 integrate, and their quads; dotted the circle to which a grid-aligned kernel maps. Right: "
+        "the line integrals' errors in 1/255 of their peak.",
         footprint_errors.integral_errors,
         footprint_errors.integral_table,
     ),
     Figure(
         10,
-        "The largest error of rows 5, 4, 3 and 2 of Table 1 against row 1 for a voxel at depth z_v and distance "
-        "y_v from the axis of a 512³ volume; the dashed line is z_k.",
+        "The largest error of rows 5, 4 and 2 of Table 1 against row 1 (a, b, d) for a voxel at depth z_v and distance "
+        "y_v from the axis of a 512³ volume, and that of row 5 minus that of row 4 over depth (c); dashed: z_k, and "
+        "in (c) also z_k + 70, from where the paper takes grid-aligned quads.",
         footprint_errors.error_surfaces,
         footprint_errors.surface_table,
     ),

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from splatgl.splat.footprint import FORMS, ROWS, Splat, row1
 from splatgl.splat.kernels import Kernel
 from splatgl.studies.figures.paper_setup import PAPER, Stretched
-from splatgl.studies.plots import BLACK, COLUMN, GRAY, LINES, draw_isolines, sheet
+from splatgl.studies.plots import BLACK, COLUMN, GRAY, LINES, RED, draw_isolines, sheet
 from splatgl.studies.tables import Table
 
 if TYPE_CHECKING:
@@ -31,6 +31,15 @@ PLANAR, SPATIAL = ("row5", "row4", "b"), ("bprime",)
 NAMES = {"row5": "row 5, grid-aligned", "row4": "row 4, ray-perpendicular", "b": "form b", "bprime": "form b′"}
 RAYS = 601
 INTEGRAL_ISOLINES = (0.02, 0.2, 0.4, 0.6, 0.8)
+# kernels that the rows integrate: their isolines and line widths
+DRAWN = (
+    ("row1", INTEGRAL_ISOLINES, 0.8),
+    ("row2", INTEGRAL_ISOLINES, 1.4),
+    ("row5", (0.02, 0.4), 0.8),
+    ("row4", (0.02, 0.4), 0.8),
+)
+# rim of row 5's kernel
+CIRCLE = {"color": RED, "linestyle": (0, (1, 1.5))}
 # levels shown, logarithmically
 INTEGRAL_RANGE = (2e-5, 90.0)
 
@@ -87,6 +96,7 @@ def integral_errors() -> Figure:
     lines = [Line2D([], [], label=NAMES[form], **LINES[form]) for form in (*PLANAR, *SPATIAL)]
     kernels = {"trapezoid (row 1)": "row1", "box (row 2)": "row2"}
     shapes = [Line2D([], [], label=name, **LINES[row]) for name, row in kernels.items()]
+    shapes.append(Line2D([], [], label="rim of row 5’s kernel, a circle", lw=0.9, **CIRCLE))
     figure.legend(handles=shapes + lines, loc="outside lower center", ncols=2, frameon=False, handlelength=2.6)
     return figure
 
@@ -97,22 +107,18 @@ def _shape(axes: Axes, voxel: Voxel) -> None:
     place = np.linspace(-1, 1, 241)
     slope, depth = np.meshgrid(voxel.plane.slope(place[None])[0], np.linspace(-1.15, 1.15, 241) * radius)
     z = voxel.z + depth
-    for box, look, width in ((False, LINES["row1"], 0.8), (True, LINES["row2"], 1.4)):
-        value = voxel.shape.value(slope * z, z, box)
-        draw_isolines(axes, (np.degrees(np.arctan(slope)), depth, value), INTEGRAL_ISOLINES, look, width)
-    for form, ends in (("row5", quad(voxel, grid_aligned=True)), ("row4", quad(voxel, grid_aligned=False))):
-        axes.plot(np.degrees(np.arctan(ends[:, 1] / ends[:, 0])), ends[:, 0] - voxel.z, lw=1.3, **LINES[form])
+    angle = np.degrees(np.arctan(slope))
+    for row, isolines, width in DRAWN:
+        value = voxel.shape.value(row, slope * z, z)
+        draw_isolines(axes, (angle, depth, value), isolines, LINES[row], width)
+    circle = np.hypot((slope * voxel.z - voxel.y) / voxel.shape.m, depth)
+    draw_isolines(axes, (angle, depth, circle), (radius,), CIRCLE, 0.9)
+    for row in ("row5", "row4"):
+        ends = voxel.shape.quad(row)
+        axes.plot(np.degrees(np.arctan(ends[:, 1] / ends[:, 0])), ends[:, 0] - voxel.z, lw=1.3, **LINES[row])
     axes.set_ylabel("$z - z_v$ (voxels)", labelpad=1)
     axes.set_ylim(-1.15 * radius, 1.15 * radius)
     _angles(axes, voxel)
-
-
-def quad(voxel: Voxel, grid_aligned: bool) -> np.ndarray:
-    """[N, 2]: points (z, y) of the drawn quad, which is m·R to either side of the voxel."""
-    length = np.hypot(voxel.y, voxel.z)
-    direction = np.array([0.0, 1.0]) if grid_aligned else np.array([-voxel.y, voxel.z]) / length
-    half = voxel.shape.m * PAPER.kernel.radius
-    return np.array([voxel.z, voxel.y]) + np.outer(np.linspace(-half, half, 41), direction)
 
 
 def _errors(axes: Axes, voxel: Voxel) -> None:
@@ -154,7 +160,11 @@ def integral_table() -> Table:
 
 
 SURFACE_ROWS = ("row5", "row4", "row3", "row2")
-TITLES = {"row5": "grid-aligned", "row4": "ray-perpendicular", "row3": "ray-perp., ideal", "row2": "box"}
+# panels with surfaces, by their letters; (c) is the difference of the first two
+TITLES = {"row5": "a", "row4": "b", "row2": "d"}
+NAMED = {"row5": "grid-aligned", "row4": "ray-perpendicular", "row2": "box"}
+# offsets of the difference's curves, and depth behind z_k from which the paper takes grid-aligned quads [M98 §4.2]
+CURVES, SWITCH = (256.0, 192.0, 128.0, 64.0), 70.0
 # grid of the table: voxels off the axis, and beyond z_k
 OFFSETS = (0.0, 16.0, 32.0, 64.0, 96.0, 128.0, 160.0, 192.0, 224.0, 256.0)
 BEFORE = (-102.4, -64.0, -32.0, -1.0)
@@ -209,13 +219,29 @@ def error_surfaces() -> Figure:
     grid = surfaces(tuple(sorted({*DEPTHS, *STEP} - {-1.0})), OFFSETS)
     figure = sheet(4.5, COLUMN)
     figure.set_layout_engine("none")
-    for number, row in enumerate(SURFACE_ROWS):
-        left, low = 0.5 * (number % 2), 0.5 * (1 - number // 2)
+    for row, letter in TITLES.items():
+        left, low = 0.5 * (letter in "bd"), 0.5 * (letter in "ab")
         axes = figure.add_axes((left + 0.02, low + 0.025, 0.47, 0.405), projection="3d")
         top = _surface(axes, grid, row)
-        figure.text(left + 0.02, low + 0.48, f"({'abcd'[number]}) row {row[3:]}, {TITLES[row]}", va="center")
+        figure.text(left + 0.02, low + 0.48, f"({letter}) row {row[3:]}, {NAMED[row]}", va="center")
         figure.text(left + 0.02, low + 0.447, f"largest: {top}", va="center", fontsize=7)
+    figure.text(0.02, 0.48, "(c) row 5 minus row 4", va="center")
+    _difference(figure.add_axes((0.1, 0.085, 0.37, 0.355)), grid)
     return figure
+
+
+def _difference(axes: Axes, grid: Surfaces) -> None:
+    """Draws the largest error of row 5 minus that of row 4 over depth."""
+    extra = grid.errors["row5"] - grid.errors["row4"]
+    for y, dashes in zip(CURVES, ((), (6, 1.5), (3, 1.5), (1, 1.2)), strict=True):
+        axes.plot(grid.dz, extra[:, grid.y == y], color=BLACK, lw=0.9, dashes=dashes, label=f"$y_v$ = {y:.0f}")
+    for depth, name in ((0.0, "$z_k$"), (SWITCH, f"$z_k + {SWITCH:.0f}$")):
+        axes.axvline(depth, color=GRAY, lw=0.6, dashes=(4, 2))
+        axes.text(depth + 8, 0.97 * extra.max() if depth else 1.05 * extra.max(), name, va="top", fontsize=6.5)
+    axes.set(xlim=grid.dz[[0, -1]], ylim=(0, 1.08 * extra.max()), xticks=[0, 200, 400])
+    axes.tick_params(labelsize=6.5)
+    axes.set_xlabel("$z_v - z_k$", labelpad=1, fontsize=7.5)
+    axes.legend(frameon=False, loc="center right", fontsize=6.5, handlelength=2.4, borderaxespad=0.1)
 
 
 def _surface(axes: Axes3D, grid: Surfaces, row: str) -> str:

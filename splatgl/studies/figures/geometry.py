@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl.splat.camera import Camera
-from splatgl.splat.footprint import Splat, row1
-from splatgl.splat.kernels import Kernel, kernel
+from splatgl.splat.footprint import ROWS, Splat, row1
+from splatgl.splat.kernels import kernel
 from splatgl.studies.figures.paper_setup import Stretched, straight_ahead
 from splatgl.studies.plots import (
     BLACK,
@@ -32,103 +32,60 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
-class Sight:
-    """A voxel (y, z) and a pixel's ray of slope dy/dz, in a plane through the eye, before z_k."""
-
-    kernel: Kernel
-    y: float
-    z: float
-    slope: float
-
-    @property
-    def splat(self) -> Splat:
-        """The voxel and the ray in Table 1's terms, without antialiasing."""
-        return Splat(self.kernel, np.array([0.0, self.y, self.z]), np.array([0.0, self.slope]), np.inf)
-
-    @property
-    def distances(self) -> dict[str, float]:
-        """Distances at which rows 1, 4 and 5 evaluate F; row 1's is the true distance of the ray."""
-        splat = self.splat
-        return {"row1": float(splat.distance), "row4": float(splat.tan_length), "row5": float(np.hypot(*splat.offset))}
-
-    @property
-    def points(self) -> dict[str, np.ndarray]:
-        """(z, y) on the ray: nearest to the voxel, on its ray-perpendicular and on its grid-aligned plane."""
-        voxel, ray = np.array([self.z, self.y]), np.array([1.0, self.slope])
-        return {
-            "row1": ray * (voxel @ ray) / (ray @ ray),
-            "row4": ray * (voxel @ voxel) / (voxel @ ray),
-            "row5": ray * self.z,
-        }
+# Fig. 8: the voxel's distance from the axis; its panels, with the stretch of each
+OFF_AXIS = 5.0
+STRETCHES = {
+    "row1": ("trapezoid", "by $z/z_k$, as the rays"),
+    "row2": ("box", "by $m = z_v/z_k$"),
+    "row5": ("grid-aligned", "by $m$, read along the axis"),
+    "row4": ("tilted", "by $m$, across the voxel’s ray"),
+}
+# slopes of the table's rays from the voxel's, in voxels at its depth
+APART = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 
 
-def example_sight() -> Sight:
-    """A voxel 34° off the axis and 3.6 spacings away, a ray 20° off: near, so that the quads differ visibly."""
-    return Sight(kernel("crawfis-max"), 2.0, 3.0, 0.37)
+def oblique_voxel() -> Stretched:
+    """The voxel of Fig. 8: 26° off the axis at 1.5 z_k, so near that the stretches differ visibly."""
+    z_k = float(straight_ahead(8).z_k(1.0))
+    return Stretched(kernel("gaussian"), OFF_AXIS, FAR * z_k, z_k)
 
 
-def orientations() -> Figure:
+def four_stretches() -> Figure:
     """Figure 8."""
-    sight = example_sight()
-    figure = sheet(3.7)
-    grid = figure.add_gridspec(2, 1, height_ratios=(1.9, 1))
-    _orientation_side_view(figure.add_subplot(grid[0]), sight)
-    _profile(figure.add_subplot(grid[1]), sight)
+    voxel = oblique_voxel()
+    figure = sheet(3.9)
+    ends = voxel.z + np.array([-3.4, 3.4])
+    z, y = np.meshgrid(np.linspace(ends[0], ends[1], 241), voxel.y + np.linspace(-4.6, 4.6, 241))
+    for number, (axes, (row, (name, about))) in enumerate(
+        zip(figure.subplots(2, 2).flat, STRETCHES.items(), strict=True)
+    ):
+        for edge in range(-1, 9):
+            axes.plot(ends, edge / voxel.z_k * ends, color=PALE, lw=0.6)
+        draw_isolines(axes, (z, y, voxel.value(row, y, z)), ISOLINES[1:], LINES["row1"], 0.9)
+        if row in ("row1", "row2"):
+            axes.plot(*voxel.outline(row == "row2").T, color=BLUE, lw=1.3)
+        else:
+            axes.plot(*voxel.quad(row).T, color=BLUE, lw=2.0)
+        axes.plot(voxel.z, voxel.y, ".", color=BLACK, ms=4)
+        axes.text(ends[0], voxel.y + 5.1, f"({'abcd'[number]}) row {row[3:]}, {name}", va="center")
+        axes.text(voxel.z, voxel.y - 5.0, about, ha="center", va="center", fontsize=7)
+        bare(axes, (ends[0], ends[1]), (voxel.y - 4.6, voxel.y + 4.6))
     return figure
 
 
-COLORS = {"row1": BLACK, "row4": BLUE, "row5": RED}
-MARKS = {"row1": "o", "row4": "s", "row5": "^"}
-
-
-def _orientation_side_view(axes: Axes, sight: Sight) -> None:
-    radius, turn = sight.kernel.radius, np.linspace(0, 2 * np.pi, 300)
-    axes.fill(sight.z + radius * np.cos(turn), sight.y + radius * np.sin(turn), color="#eeeeee", lw=0)
-    length = np.hypot(sight.y, sight.z)
-    across = np.array([-sight.y, sight.z]) / length
-    voxel = np.array([sight.z, sight.y])
-    for name, direction in (("row5", np.array([0.0, 1.0])), ("row4", across)):
-        ends = voxel + np.outer([-radius, radius], direction)
-        axes.plot(*ends.T, color=COLORS[name], lw=2.0, dashes=(5, 1) if name == "row4" else (), solid_capstyle="butt")
-    end = sight.z + radius + 0.5
-    axes.plot([0, end], [0, sight.slope * end], color=BLACK, lw=0.9)
-    axes.plot([0, sight.z], [0, sight.y], color=GRAY, lw=0.7, dashes=(4, 2))
-    axes.plot(*voxel, "o", color=BLACK, ms=3.5)
-    for name, point in sight.points.items():
-        axes.plot(*point, MARKS[name], color=COLORS[name], ms=4.5, mec="white", mew=0.4, zorder=4)
-    near = sight.points["row1"]
-    axes.plot(*np.stack([voxel, near]).T, color=BLACK, lw=0.7, linestyle=":")
-    draw_eye(axes, 0.15)
-    axes.text(end + 0.05, sight.slope * end, "pixel’s ray", va="center")
-    top = voxel + across * radius
-    axes.text(top[0] - 0.08, top[1] + 0.05, "ray-perpendicular", color=BLUE, ha="right", va="bottom")
-    axes.text(sight.z + 0.1, sight.y + radius + 0.1, "grid-aligned", color=RED, ha="left", va="bottom")
-    axes.text(sight.z + 0.14, sight.y + 0.05, "$\\mathbf{v}$", va="bottom")
-    bare(axes, (-0.35, end + 1.1), (-0.5, sight.y + radius + 0.45))
-
-
-def _profile(axes: Axes, sight: Sight) -> None:
-    d = np.linspace(0, sight.kernel.radius, 300)
-    peak = sight.kernel.footprint(np.zeros(()))
-    axes.plot(d, sight.kernel.footprint(d) / peak, color=GRAY, lw=1.0)
-    names = {"row1": "true", "row4": "ray-perpendicular", "row5": "grid-aligned"}
-    for name, distance in sight.distances.items():
-        share = float(sight.kernel.footprint(np.array(distance)) / peak)
-        label = f"{names[name]}: $d$ = {distance:.3f}, $F/F(0)$ = {share:.3f}"
-        axes.plot([distance, distance], [0, share], color=COLORS[name], lw=0.7)
-        axes.plot(distance, share, MARKS[name], color=COLORS[name], ms=4.5, mec="white", mew=0.4, label=label)
-    axes.set(xlabel="distance $d$ from the voxel (voxels)", ylabel="$F(d)/F(0)$")
-    axes.set(xlim=(0, sight.kernel.radius), ylim=(0, 1.05))
-    axes.legend(frameon=False, loc="upper right", handlelength=1, borderaxespad=0.2)
-
-
-def orientation_table() -> Table:
-    """Distance at which each orientation evaluates F, and the value."""
-    sight = example_sight()
-    peak = float(sight.kernel.footprint(np.zeros(())))
-    rows = [(name, d, float(sight.kernel.footprint(np.array(d))) / peak) for name, d in sight.distances.items()]
-    return Table(("form", "distance", "F/F(0)"), tuple(rows))
+def stretches_table() -> Table:
+    """Values of the four rows on rays across the voxel, as a share of the first's largest one there."""
+    voxel = oblique_voxel()
+    slope = (voxel.y + np.array(APART)) / voxel.z
+    splat = Splat(
+        voxel.kernel,
+        np.array([0.0, voxel.y, voxel.z]),
+        np.stack([0 * slope, slope], axis=-1),
+        voxel.z_k,
+    )
+    values = np.stack([ROWS[row](splat) for row in STRETCHES], axis=1)
+    rows = np.column_stack([APART, np.degrees(np.arctan(slope)), values / values[:, 0].max()]).tolist()
+    return Table(("from the voxel", "angle (deg)", *STRETCHES), tuple(map(tuple, rows)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,7 +351,7 @@ def trapezoid_and_box() -> Figure:
         axes.plot(ends, edge / voxel.z_k * ends, color=PALE, lw=0.6)
     z, y = np.meshgrid(np.linspace(near, far, 301), np.linspace(-reach, reach, 301))
     for box, look in ((False, LINES["row1"]), (True, LINES["row4"])):
-        draw_isolines(axes, (z, y, voxel.value(y, z, box)), ISOLINES, look, 0.9)
+        draw_isolines(axes, (z, y, voxel.value("row2" if box else "row1", y, z)), ISOLINES, look, 0.9)
         axes.plot(*voxel.outline(box).T, lw=1.3, **look)
     axes.plot(voxel.z, 0, ".", color=BLACK, ms=4)
     # the two differ most at the far corners

@@ -82,11 +82,29 @@ class Stretched:
         fixed = box or self.z < self.z_k
         return np.full(np.shape(depth), self.m) if fixed else np.asarray(depth) / self.z_k
 
-    def value(self, y: np.ndarray, depth: np.ndarray, box: bool = False) -> np.ndarray:
-        """Values of g at points (y, depth), unweakened, as a share of g(0)."""
-        across = (y - self.y) / self.width(depth, box)
-        radius = np.hypot(across, depth - self.z)
-        return np.asarray(self.kernel.value(radius) / self.kernel.value(np.zeros(())))
+    def value(self, row: str, y: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """Values at points (y, depth), as a share of g(0), of the kernel that a row of Table 1 integrates, unweakened.
+
+        Row 5 integrates over depth: where rays are parallel its kernel is round. The others integrate over the ray's
+        length, row 4 from where it meets its quad.
+        """
+        slope = y / depth
+        if row == "row5":
+            across, along = (slope * self.z - self.y) / self.m, depth - self.z
+        elif row == "row4":
+            facing, length = self.z + slope * self.y, np.hypot(self.y, self.z)
+            across = length * (slope * self.z - self.y) / (self.m * facing)
+            along = np.sqrt(1 + slope**2) * (depth - length**2 / facing)
+        else:
+            across, along = (y - self.y) / self.width(depth, row == "row2"), depth - self.z
+        return np.asarray(self.kernel.value(np.hypot(across, along)) / self.kernel.value(np.zeros(())))
+
+    def quad(self, row: str) -> np.ndarray:
+        """[N, 2]: points (depth, y) of the quad of row 4 or 5, which is m·R to either side of the voxel."""
+        voxel = np.array([self.z, self.y])
+        direction = np.array([0.0, 1.0]) if row == "row5" else np.array([-self.y, self.z]) / np.hypot(*voxel)
+        half = self.m * self.kernel.radius
+        return voxel + np.outer(np.linspace(-half, half, 41), direction)
 
     def outline(self, box: bool = False) -> np.ndarray:
         """[5, 2]: corners (depth, y) of the bounding trapezoid or box."""
