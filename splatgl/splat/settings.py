@@ -384,10 +384,10 @@ class Settings:
     @classmethod
     def paper(cls, **changes: Unpack[SettingsKeywords]) -> Settings:
         """The 1998 hardware path: hybrid, an 8-bit 256×256 table, opacity attenuation, quads, 8-bit target that mixes
-        display values, every splat in order.
+        display values, every splat in order, and streaks of the paper's Eq. 11 where something moves.
         """
         return cls(
-            **LIKE["0.1"],
+            **{**LIKE["0.1"], "motion": "paper"},
             align="hybrid",
             footprint="table",
             table_size=256,

@@ -18,7 +18,7 @@ OF_SPLATS = (
     "ambient_occlusion",
 )
 LIGHT = ("light", "light_from", "ambient", "diffuse", "specular")
-# settings of moving pictures; moments are the default of an earlier version
+# settings of moving pictures; moments are the default of an earlier version, paper of `Settings.paper`
 OF_MOTION = ("motion", "moments", "shutter")
 
 
@@ -98,7 +98,7 @@ def unused_settings(
     """Notes on the settings that are given and change nothing, a note for each reason. plans: of the layers."""
     given, notes = dict(settings.given), list[str]()
     if not is_moving:
-        still = [name for name in OF_MOTION if name in given and given[name] != "moments"]
+        still = [name for name in OF_MOTION if name in given and given[name] not in ("moments", "paper")]
         notes += no_effect(still, "nothing moves")
     for names, is_used, why in NEEDS:
         listed = [name for name in names if name in given]

@@ -224,6 +224,16 @@ def test_the_plan_says_what_it_leaves_out(renderer: sg.Renderer) -> None:
         SPLATS.but(shutter=361)
 
 
+def test_the_papers_settings_blur_by_its_equation_11(renderer: sg.Renderer) -> None:
+    """Stills do not mention it."""
+    splats, camera, motion = cloud(), CAMERAS["near"], MOVES["spins"]
+    found = renderer.render(splats, camera, sg.Settings.paper(), motion)
+    assert found.info["motion"] == "paper"
+    means = renderer.render(splats, camera, sg.Settings.paper(motion="moments"), motion)
+    assert np.abs(found.pixels - means.pixels).max() > 0.05
+    assert not any("motion" in note for note in renderer.render(splats, camera, sg.Settings.paper()).notes)
+
+
 def test_supersampled_streaks(renderer: sg.Renderer) -> None:
     splats, camera, motion = cloud(), CAMERAS["near"], MOVES["spins"]
     fine = camera.resized((camera.size[0] * 3, camera.size[1] * 3))

@@ -143,6 +143,21 @@ def test_figure_12_has_four_panels_of_the_users_volume(here: Path) -> None:
 
 
 @pytest.mark.usefixtures("brief")
+def test_figures_blur_from_frame_to_frame_unless_a_shutter_says_otherwise(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The paper's streak runs from t−1 to t. Contrast falls with the exposure."""
+    panels = []
+    for shutter in ((), ("--shutter", "360"), ("--shutter", "45")):
+        command = ["figure", "12", "letter-f", "-o", "f.png", "--size", "32", "--moments", "8", "--spin", "60"]
+        assert main([*command, *shutter]) == 0
+        assert f"60° a frame, shutter {shutter[1] if shutter else 360}°" in " ".join(capsys.readouterr().out.split())
+        panels.append(page()[-MARGIN - ROOM - 20 : -MARGIN - ROOM, MARGIN : MARGIN + 32].astype(float))
+    whole, said, short = ((np.diff(panel, axis=1) ** 2).sum() for panel in panels)
+    assert whole == said and whole < 0.8 * short
+
+
+@pytest.mark.usefixtures("brief")
 def test_figure_14_abuts_columns_of_blocks(here: Path, renderer: sg.Renderer) -> None:
     assert main(["figure", "14", "letter-f", "-o", "f.png", "--size", "32", "--frames", "7", "--moments", "2"]) == 0
     found = page()
@@ -199,6 +214,8 @@ def test_real_terrain_is_seen_from_low(here: Path) -> None:
         (["5", "--spin", "3"], "figure 5: expected no --spin"),
         (["6", "--frames", "3"], "figure 6: expected no --frames"),
         (["12", "--spin", "0"], "--spin: expected an angle"),
+        (["5", "--shutter", "90"], "figure 5: expected no --shutter"),
+        (["12", "--shutter", "361"], "--shutter: expected an angle up to 360 degrees"),
         (["14", "--frames", "1"], "--frames: expected"),
         (["13", "--moments", "-1"], "--moments: expected"),
         (["5", "nothing.nrrd"], "nothing.nrrd"),

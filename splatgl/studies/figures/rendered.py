@@ -31,7 +31,7 @@ from splatgl.splat.extract import extract
 from splatgl.splat.motion import Draw, Moments, count_moments, streaks
 from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.resolve import blur_form
-from splatgl.splat.settings import MAX_MOMENTS, Attenuation, Blend, Settings
+from splatgl.splat.settings import FULL_SHUTTER, MAX_MOMENTS, Attenuation, Blend, Settings
 from splatgl.splat.splats import Splats
 from splatgl.studies.aliasing import (
     Reach,
@@ -59,8 +59,8 @@ KINDS: tuple[tuple[Blend, str, tuple[Attenuation, ...]], ...] = (
 )
 # rotations per frame for flicker, degrees; and the number of frames for figures that are not strips
 PACES, FRAMES = (1.0, 5.0), 24
-# shutter angle of the figures in degrees, and moments of the reference
-SHUTTER, TIMES = 180.0, 16
+# moments of the reference
+TIMES = 16
 
 Rows = Iterator[tuple[str, str, str]]
 
@@ -128,10 +128,14 @@ def _measure_motion(shown: RenderedFigure) -> Rows:
 def _measure_blur(shown: RenderedFigure) -> Rows:
     """Energy of X-rays and errors of the four variants at 4×4 samples a pixel, against the mean of many moments."""
     splats, camera, turn = shown.splats, shown.track.camera(1), shown.track.turn
-    paths = streaks(splats, camera, turn, SHUTTER)
+    paths = streaks(splats, camera, turn, shown.figure.shutter)
     longest = float(paths.pixels(splats.grid.mean_spacing).max(initial=0.0))
-    yield f"longest path in half a frame of {shown.figure.spin:g}°", f"{longest:.1f} pixels", ""
-    many = Moments(shown.draw, turn, SHUTTER, TIMES)
+    yield (
+        f"longest path at {shown.figure.spin:g}° a frame, shutter {shown.figure.shutter:g}°",
+        f"{longest:.1f} pixels",
+        "",
+    )
+    many = Moments(shown.draw, turn, shown.figure.shutter, TIMES)
     sums = shown.settings(1, "xray").but(background=None)
     energy, right = (
         float(draw(splats, camera, sums).pixels[..., 3].sum(dtype=np.float64))
@@ -156,7 +160,7 @@ def _ratio(standard: float, value: float) -> str:
 MAX_FRAMES = 10_000
 # options of the scene, and those of rendered figures only
 CHOSEN = ("color", "kernel", "paper")
-ONLY = ("source", "color", "size", "spin", "frames", "motion", "moments", "kernel", "paper")
+ONLY = ("source", "color", "size", "spin", "frames", "motion", "moments", "shutter", "kernel", "paper")
 
 
 def add_pictures(parser: argparse.ArgumentParser) -> None:
@@ -174,6 +178,8 @@ def add_pictures(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--frames", type=int, metavar="N", help="14: how many frames")
     group.add_argument("--motion", choices=MOTIONS, metavar="|".join(MOTIONS), help="12, 13, 14: blur by streaks")
     group.add_argument("--moments", type=int, metavar="N", help="12, 13, 14: blur by N pictures instead; 0: none")
+    about = f"12, 13, 14: exposure in degrees, 360 being a whole frame (default {FULL_SHUTTER:g}, the paper's streak)"
+    group.add_argument("--shutter", type=float, metavar="DEG", help=about)
 
 
 def check_no_options(args: argparse.Namespace) -> None:
@@ -195,9 +201,9 @@ def run_picture(args: argparse.Namespace) -> int:
         check_output(path, (suffix,))
         check_source(path, args.source, *scene.files)
     with DrawOptions().renderer() as renderer:
-        shown = RenderedFigure(figure, scene, renderer.render, _blur(renderer, args))
+        shown = RenderedFigure(figure, scene, renderer.render, _blur(renderer, args, figure.shutter))
         if drawn:
-            about = _about(figure, args, shown.volume)
+            about = _about(figure, args, shown)
             write_file(output, encode_sheet(picture(shown), about, f"splatgl {__version__}"))
             print(f"{output}:", fill(f"Figure {figure.number}. {about}", PAGE), sep="\n")
         if args.csv or args.text:
@@ -207,27 +213,27 @@ def run_picture(args: argparse.Namespace) -> int:
                 print(f"{args.csv}: the numbers of figure {figure.number}")
             if args.text:
                 print(
-                    fill(f"Figure {figure.number}. {_about(figure, args, shown.volume)}", PAGE),
+                    fill(f"Figure {figure.number}. {_about(figure, args, shown)}", PAGE),
                     table.text(),
                     sep="\n\n",
                 )
     return 0
 
 
-def _blur(renderer: Renderer, args: argparse.Namespace) -> Motioned | None:
+def _blur(renderer: Renderer, args: argparse.Namespace, shutter: float) -> Motioned | None:
     """Motion blur: streaks if requested, and by default for sums, where they are exact; else the mean of the
     requested number of images, or of as many as the path lengths need. None for 0 images.
     """
     if args.moments is not None:
-        return by_moments(args.moments) if args.moments else None
+        return by_moments(args.moments, shutter) if args.moments else None
 
     def blurred(draw: Draw, track: Turning) -> Draw:
         def draw_blurred(splats: Splats, camera: Camera, settings: Settings) -> Image:
-            settings = settings.but(motion=args.motion or "auto")
+            settings = settings.but(motion=args.motion or "auto", shutter=shutter)
             if blur_form(splats, settings) == "moments":
                 # a strip's view is narrow: use the count for the whole image
                 whole = replace(camera, size=(camera.size[1], camera.size[1]))
-                settings = settings.but(moments=count_moments(splats, whole, track.turn, SHUTTER))
+                settings = settings.but(moments=count_moments(splats, whole, track.turn, shutter))
             return renderer.render(splats, camera, settings, track.turn)
 
         return draw_blurred
@@ -238,8 +244,8 @@ def _blur(renderer: Renderer, args: argparse.Namespace) -> Motioned | None:
 def _with_options(figure: PictureFigure, args: argparse.Namespace) -> PictureFigure:
     """The figure with the options applied. Raises InputError for invalid ones."""
     turns = figure.spin != 0
-    for name, allowed in (("spin", turns), ("frames", figure.number == 14), ("motion", turns), ("moments", turns)):
-        if getattr(args, name) is not None and not allowed:
+    for name in ("spin", "frames", "motion", "moments", "shutter"):
+        if getattr(args, name) is not None and not (figure.number == 14 if name == "frames" else turns):
             raise expected(f"figure {figure.number}", f"no --{name}", getattr(args, name))
     if args.frames is not None and not 2 <= args.frames <= MAX_FRAMES:
         raise expected("--frames", f"a whole number from 2 to {MAX_FRAMES}", args.frames)
@@ -249,7 +255,10 @@ def _with_options(figure: PictureFigure, args: argparse.Namespace) -> PictureFig
         raise expected("--moments", f"a whole number from 0 to {MAX_MOMENTS}", args.moments)
     if args.spin is not None and not 0 < abs(args.spin) <= 360:
         raise expected("--spin", "an angle up to 360 degrees, not 0", args.spin)
-    return replace(figure, spin=args.spin or figure.spin, frames=args.frames or figure.frames)
+    if args.shutter is not None and not 0 < args.shutter <= FULL_SHUTTER:
+        raise expected("--shutter", "an angle up to 360 degrees, not 0", args.shutter)
+    given = {name: getattr(args, name) for name in ("spin", "frames", "shutter") if getattr(args, name)}
+    return replace(figure, **given)
 
 
 def _scene(figure: PictureFigure, args: argparse.Namespace) -> SceneFile:
@@ -262,12 +271,12 @@ def _scene(figure: PictureFigure, args: argparse.Namespace) -> SceneFile:
     return scene.with_options(**{name: value for name in CHOSEN if (value := getattr(args, name)) is not None})
 
 
-def _about(figure: PictureFigure, args: argparse.Namespace, volume: Volume) -> str:
+def _about(figure: PictureFigure, args: argparse.Namespace, shown: RenderedFigure) -> str:
     """The caption, and what differs from it."""
-    here = [volume.name] if args.source is not None else []
+    here = [shown.volume.name] if args.source is not None else []
     here += [f"kernel {args.kernel}"] if args.kernel is not None else []
     here += ["by the hardware path of 1998"] if args.paper else []
-    return f"{figure.caption} Here: {', '.join(here)}." if here else figure.caption
+    return f"{shown.caption} Here: {', '.join(here)}." if here else shown.caption
 
 
 VARIANTS = ("standard", "antialiased", "motion-blurred", "motion-blurred and antialiased")
@@ -287,7 +296,8 @@ Motioned = Callable[[Draw, Turning], Draw]
 @dataclass(frozen=True)
 class PictureFigure:
     """A rendered figure. source: its scene; size: of its images; times: enlargement of pixels; spin: degrees per
-    frame; zoom: of its default scene; detail: enlargement of an additional detail.
+    frame; zoom: of its default scene; detail: enlargement of an additional detail; shutter: in degrees, 360 from one
+    frame's time to the next, as the paper's streaks.
     """
 
     number: int
@@ -299,6 +309,7 @@ class PictureFigure:
     frames: int = 2
     zoom: float = 1.0
     detail: int = 0
+    shutter: float = FULL_SHUTTER
     background: tuple[float, float, float] = BLACK
 
 
@@ -342,7 +353,7 @@ _ALL = (
         "terrain",
         256,
         times=BLOCK,
-        spin=1.0,
+        spin=3.0,
         frames=80,
         background=WHITE,
     ),
@@ -358,6 +369,13 @@ class RenderedFigure:
     scene: SceneFile
     draw: Draw
     blur: Motioned | None = None
+
+    @property
+    def caption(self) -> str:
+        """The figure's caption, with the rotation and the shutter of its motion blur."""
+        spin, shutter = self.figure.spin, self.figure.shutter
+        turns = f" {spin:g}° a frame, shutter {shutter:g}°." if spin and self.blur else ""
+        return self.figure.caption + turns
 
     @cached_property
     def volume(self) -> Volume:
@@ -461,9 +479,9 @@ def _find_largest_change(first: np.ndarray, second: np.ndarray, times: int) -> t
     return slice(int(y), int(y) + tall), slice(int(x), int(x) + wide)
 
 
-def by_moments(count: int) -> Motioned:
+def by_moments(count: int, shutter: float = FULL_SHUTTER) -> Motioned:
     """Motion blur by the mean of `count` moments."""
-    return lambda draw, track: Moments(draw, track.turn, SHUTTER, count)
+    return lambda draw, track: Moments(draw, track.turn, shutter, count)
 
 
 def _low_view(volume: Volume, size: tuple[int, int]) -> ViewOptions | None:
