@@ -216,8 +216,10 @@ class Animation:
         parts = files, drawn, views, self.count, self.hold, self.flow, self.bits, *names
         return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:DIGITS]
 
-    def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool) -> None:
-        """Renders and saves the frames; the next volume of a series is read in parallel."""
+    def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool, explain: bool = False) -> None:
+        """Renders and saves the frames; the next volume of a series is read in parallel. explain: prints how the first
+        one is drawn.
+        """
         work = self.work(frames)
         read = partial(self._read, work)
         if self.unbounded:
@@ -228,6 +230,8 @@ class Animation:
         with progress_bar("frame", quiet, alike=True) as progress:
             for (_, group), (_, matter) in zip(groups, read_ahead(read, [number for number, _ in groups]), strict=True):
                 for n in group:
+                    if explain and n == todo[0]:
+                        print(work.explain(renderer, matter, self.view(n)))
                     data, notes = work.frame(renderer, matter, self.view(n))
                     print_lines(notes, quiet or n != todo[0])
                     frames.write(n, data)
@@ -410,6 +414,13 @@ class Work:
         flow = flow_of(scene.splats, volume, self.flow) if self.flow is not None and scene.is_single else None
         return Matter(scene.subject, scene.settings.clip, transfer, flow)
 
+    def explain(self, renderer: Renderer, matter: Matter, view: FrameView) -> str:
+        """How a frame is drawn, what is left out, and why."""
+        if isinstance(matter.subject, Bricks):
+            return renderer.plan(matter.subject.whole, view.camera, self.settings).explain()
+        settings, motion = replace(self.settings, clip=matter.clip), _flowing(view.motion, matter)
+        return renderer.plans(matter.subject, view.camera, settings, motion).explain()
+
     def _render(
         self, renderer: Renderer, matter: Matter, camera: Camera, settings: Settings, motion: Motion | None = None
     ) -> Image:
@@ -418,9 +429,7 @@ class Work:
             from splatgl.gl.large_volumes import render_moving_bricks
 
             return render_moving_bricks(renderer, matter.subject, camera, settings, motion, self.bands)
-        if motion is not None and matter.flow is not None:
-            motion = replace(motion, flow=matter.flow)
-        return renderer.render(matter.subject, camera, replace(settings, clip=matter.clip), motion)
+        return renderer.render(matter.subject, camera, replace(settings, clip=matter.clip), _flowing(motion, matter))
 
     def frame(self, renderer: Renderer, matter: Matter, view: FrameView) -> tuple[bytes, list[str]]:
         """The file of a frame, and notes on settings that do not change it."""
@@ -452,6 +461,11 @@ class Work:
                 matter, latest = read(number), number
             top = max(top, float(self._render(renderer, matter, camera, still).pixels.max()))
         return top * HEADROOM or 1.0
+
+
+def _flowing(motion: Motion | None, matter: Matter) -> Motion | None:
+    """The motion of a frame, with the flow of its matter."""
+    return motion if motion is None or matter.flow is None else replace(motion, flow=matter.flow)
 
 
 def scale_xray(image: Image, top: float) -> Image:

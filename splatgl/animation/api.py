@@ -137,11 +137,12 @@ def write_animation(
     with _told_if_stopped(frames, wanted):
         if todo and by.are_used:
             require_built_in(animation.scenes[0].settings.kernel)
+            how.check_supported("workers", "frames that are drawn by this process", "--workers")
             with by.connected(None if quiet else print) as client:
                 draw_frames(client, animation, frames, todo, by.drawing, quiet)
         elif todo:
             with how.renderer() as renderer:
-                animation.draw(renderer, frames, todo, quiet)
+                animation.draw(renderer, frames, todo, quiet, how.explain)
         _join(animation, frames, fps)
     return frames, len(wanted) - len(todo)
 

@@ -40,6 +40,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample (default 8)"
     )
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
+    add_options(parser, DrawOptions, "explain")
     add_options(parser, WorkerOptions)
     add_options(parser, DrawOptions, "memory")
     add_drawing(parser)

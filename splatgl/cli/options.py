@@ -90,7 +90,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     add_options(parser, Settings, *(name for name in names_of(Settings) if name not in ("moments", "shutter")))
     group = group_of(parser, Group.PAPER)
     group.add_argument("--like", metavar="VERSION", help=f"defaults of an earlier version: {', '.join(LIKE)}")
-    group.add_argument("--paper", action="store_true", help="hardware path of 1998: hybrid, 8-bit table and target, streaks")
+    group.add_argument("--paper", action="store_true", help="hardware path of 1998: hybrid, 8 bits, streaks")
 
 
 def add_options(parser: argparse.ArgumentParser, record: Any, *names: str) -> None:

@@ -499,6 +499,17 @@ def test_the_time_of_frames_is_told() -> None:
     assert [duration(seconds) for seconds in (3.4, 600, 7500)] == ["3 s", "10 min", "2 h 05 min"]
 
 
+def test_explain_tells_how_the_first_frame_moves(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["animate", "letter-f", "-o", "f{frame}.png", "--size", "16", "--frames", "2", "--spin", "5", "--paper"]
+    assert main([*command, "--explain"]) == 0
+    said = capsys.readouterr().out
+    assert said.count("motion blur paper, shutter 180°") == 1 and "streaks are straight" in said
+    assert main(command) == 0
+    assert "motion blur" not in capsys.readouterr().out
+    assert main([*command, "--explain", "--workers", "2"]) == 2
+    assert "--explain: expected frames that are drawn by this process, got --workers" in capsys.readouterr().err
+
+
 @pytest.mark.long
 def test_moments_blur(here: Path) -> None:
     """The mean of pictures within half a frame; with streaks that is nearer to the mean of many. A shutter that does
