@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -131,6 +133,18 @@ def test_page_fits_a_terminal_and_says_what_fails(capsys: pytest.CaptureFixture[
     assert "6 of the paper's 9 claims hold" in text
     counted, beside = text.split("Beside the paper's claims:")
     assert "M98 §4.2" not in beside and counted.count("found:") == 9 and beside.count("found:") == 4
+
+
+@pytest.mark.long
+def test_the_guides_table_is_the_papers_claims(found: dict[str, Claim]) -> None:
+    """In their order, with their section and verdict; its percentages and z_s are those found."""
+    text = (Path(__file__).parents[2] / "splatgl" / "docs" / "paper.md").read_text(encoding="utf-8")
+    rows = re.findall(r"(?m)^\| (§[^|]+) \| [^|]+ \| (yes|no) \| ([^|]+) \|$", text)
+    claimed = [claim for claim in found.values() if claim.of_the_paper]
+    assert [(f"M98 {source}", holds == "yes") for source, holds, _ in rows] == [(c.source, c.holds) for c in claimed]
+    for (_, _, measured), claim in zip(rows, claimed, strict=True):
+        for share in re.findall(r"[\d.]+ %|\+ \d+", measured):
+            assert share.removeprefix("+ ") in claim.numbers
 
 
 @pytest.mark.long

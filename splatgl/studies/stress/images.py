@@ -181,7 +181,7 @@ VIEWS = ((0.3, 90.0), (100.0, 40.0))
 
 @METHODS.case(
     "methods",
-    "every method of splatgl report, from inside and from afar",
+    "every method of splatgl report, from inside and from afar: share of its own error bound",
     "a ball of 5 voxels; the eye in it, and 100 voxels away with pixels 6 voxels wide",
     "the float64 reference; the error over the bound that each picture states",
 )
