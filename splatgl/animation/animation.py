@@ -216,10 +216,8 @@ class Animation:
         parts = files, drawn, views, self.count, self.hold, self.flow, self.bits, *names
         return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:DIGITS]
 
-    def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool, explain: bool = False) -> None:
-        """Renders and saves the frames; the next volume of a series is read in parallel. explain: prints how the first
-        one is drawn.
-        """
+    def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool, explain: bool) -> None:
+        """Renders and saves the frames; the next volume is read in parallel. explain: prints the first one's plan."""
         work = self.work(frames)
         read = partial(self._read, work)
         if self.unbounded:
@@ -230,9 +228,7 @@ class Animation:
         with progress_bar("frame", quiet, alike=True) as progress:
             for (_, group), (_, matter) in zip(groups, read_ahead(read, [number for number, _ in groups]), strict=True):
                 for n in group:
-                    if explain and n == todo[0]:
-                        print(work.explain(renderer, matter, self.view(n)))
-                    data, notes = work.frame(renderer, matter, self.view(n))
+                    data, notes = work.frame(renderer, matter, self.view(n), explain and n == todo[0])
                     print_lines(notes, quiet or n != todo[0])
                     frames.write(n, data)
                     progress(next(done), len(todo))
@@ -414,13 +410,6 @@ class Work:
         flow = flow_of(scene.splats, volume, self.flow) if self.flow is not None and scene.is_single else None
         return Matter(scene.subject, scene.settings.clip, transfer, flow)
 
-    def explain(self, renderer: Renderer, matter: Matter, view: FrameView) -> str:
-        """How a frame is drawn, what is left out, and why."""
-        if isinstance(matter.subject, Bricks):
-            return renderer.plan(matter.subject.whole, view.camera, self.settings).explain()
-        settings, motion = replace(self.settings, clip=matter.clip), _flowing(view.motion, matter)
-        return renderer.plans(matter.subject, view.camera, settings, motion).explain()
-
     def _render(
         self, renderer: Renderer, matter: Matter, camera: Camera, settings: Settings, motion: Motion | None = None
     ) -> Image:
@@ -429,12 +418,16 @@ class Work:
             from splatgl.gl.large_volumes import render_moving_bricks
 
             return render_moving_bricks(renderer, matter.subject, camera, settings, motion, self.bands)
-        return renderer.render(matter.subject, camera, replace(settings, clip=matter.clip), _flowing(motion, matter))
+        return renderer.render(matter.subject, camera, replace(settings, clip=matter.clip), motion)
 
-    def frame(self, renderer: Renderer, matter: Matter, view: FrameView) -> tuple[bytes, list[str]]:
-        """The file of a frame, and notes on settings that do not change it."""
+    def frame(self, renderer: Renderer, matter: Matter, view: FrameView, explain: bool) -> tuple[bytes, list[str]]:
+        """The file of a frame, and notes on settings that do not change it. explain: prints its plan."""
         settings = without_background(self.settings, self.over.names if self.over else ())
-        image = self._render(renderer, matter, view.camera, settings, view.motion)
+        motion = view.motion if matter.flow is None else view.motion and replace(view.motion, flow=matter.flow)
+        if explain:
+            whole = matter.subject.whole if isinstance(matter.subject, Bricks) else matter.subject
+            print(renderer.plans(whole, view.camera, replace(settings, clip=matter.clip), motion).explain())
+        image = self._render(renderer, matter, view.camera, settings, motion)
         # those on its layers are printed where they are read; the parts of a picture in bricks do not know what moves
         is_whole, told = not isinstance(matter.subject, Bricks), getattr(matter.subject, "notes", ())
         notes = [note for note in image.notes if is_whole and note not in told]
@@ -461,11 +454,6 @@ class Work:
                 matter, latest = read(number), number
             top = max(top, float(self._render(renderer, matter, camera, still).pixels.max()))
         return top * HEADROOM or 1.0
-
-
-def _flowing(motion: Motion | None, matter: Matter) -> Motion | None:
-    """The motion of a frame, with the flow of its matter."""
-    return motion if motion is None or matter.flow is None else replace(motion, flow=matter.flow)
 
 
 def scale_xray(image: Image, top: float) -> Image:
@@ -603,7 +591,7 @@ def draw_frames(
 def _frame(work: Work, drawing: Drawing, view: FrameView) -> tuple[int, bytes, list[str]]:
     """On a worker: a frame's number, its file and notes."""
     matter = keep_latest((work.frames.mark, view.volume), lambda: work.matter(view.volume))
-    return view.frame, *work.frame(renderer(drawing), matter, view)
+    return view.frame, *work.frame(renderer(drawing), matter, view, explain=False)
 
 
 def _brightest(work: Work, drawing: Drawing, probes: list[tuple[int, Camera]]) -> float:
