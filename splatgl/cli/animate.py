@@ -24,7 +24,9 @@ from splatgl.splat.settings import Settings
 def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl animate`."""
     add_source(parser)
-    parser.add_argument("more", nargs="*", metavar="SOURCE", help="further volumes, or a pattern: a series in time")
+    parser.add_argument(
+        "more", nargs="*", default=[], metavar="SOURCE", help="further volumes, or a pattern: a series in time"
+    )
     parser.add_argument(
         "-o", "--output", metavar="FILE", required=True, help="frames/{frame:04d}.png or .npy, movie.mp4, .webm or .gif"
     )

@@ -83,7 +83,9 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl render`."""
     parser.description = f"{parser.description}\n\n{EXAMPLES}"
     add_source(parser)
-    parser.add_argument("more", nargs="*", metavar="SOURCE", help="further sources, or a pattern: a picture of each")
+    parser.add_argument(
+        "more", nargs="*", default=[], metavar="SOURCE", help="further sources, or a pattern: a picture of each"
+    )
     about = ".png, .jpg, .svg, .pdf, .npy, .tif or .exr (default SOURCE.png); of several sources with {name}"
     parser.add_argument("-o", "--output", metavar="FILE", help=about)
     add_options(parser, SceneFile, "annotate", "slices")

@@ -70,7 +70,7 @@ def test_a_source_alone_opens_the_window(source: str, here: Path, monkeypatch: p
 def test_a_command_stays_one_beside_a_file_of_its_name(here: Path, capsys: Said) -> None:
     (here / "render").write_text("hello")
     assert ended(["render"]) == 2
-    assert "required: SOURCE" in capsys.readouterr().err
+    assert "required: SOURCE;" in capsys.readouterr().err
 
 
 def test_without_a_display_it_says_how_to_render(here: Path, capsys: Said, monkeypatch: pytest.MonkeyPatch) -> None:
