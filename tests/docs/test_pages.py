@@ -34,7 +34,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.splat import kernels
 from splatgl.splat.settings import Settings, choices
 from splatgl.studies.accuracy.methods import methods
-from splatgl.studies.stress import CASES
+from tests.stress import CASES
 from splatgl.viewer import commands
 from splatgl.viewer.key_bindings import load_bindings
 from splatgl.writers import TARGETS

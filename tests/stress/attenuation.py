@@ -12,7 +12,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.kernels import kernel
 from splatgl.splat.settings import choices
 from splatgl.splat.splats import Splats
-from splatgl.studies.stress.case import (
+from tests.stress.case import (
     UP,
     Bench,
     Check,

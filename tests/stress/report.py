@@ -11,8 +11,8 @@ import numpy as np
 
 from splatgl.reference.ray_integral import ray_integral
 from splatgl.studies import tables
-from splatgl.studies.stress import attenuation
-from splatgl.studies.stress.case import (
+from tests.stress import attenuation
+from tests.stress.case import (
     Bench,
     Case,
     Check,

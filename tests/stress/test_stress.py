@@ -14,10 +14,10 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.studies.accuracy import methods
-from splatgl.studies.stress import CASES, optics, run_case
-from splatgl.studies.stress import case as bench
-from splatgl.studies.stress.case import Bench, Case, Check, Result, check, parallel, row_of_dots
-from splatgl.studies.stress.report import PAGES, WIDTHS, as_csv, as_json, as_markdown, heading, line, lines, verdict
+from tests.stress import CASES, optics, run_case
+from tests.stress import case as bench
+from tests.stress.case import Bench, Case, Check, Result, check, parallel, row_of_dots
+from tests.stress.report import PAGES, WIDTHS, as_csv, as_json, as_markdown, heading, line, lines, verdict
 from tests.helpers.splatting import SPLATS
 
 pytestmark = pytest.mark.usefixtures("shared_programs")

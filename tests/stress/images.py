@@ -17,7 +17,7 @@ from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
 from splatgl.studies.accuracy.methods import DEFAULT, methods
-from splatgl.studies.stress.case import (
+from tests.stress.case import (
     SHAPE_BOUND,
     UP,
     Bench,

@@ -9,7 +9,7 @@ import numpy as np
 from splatgl.splat.camera import Camera
 from splatgl.splat.footprint import NEAR, half_line
 from splatgl.splat.kernels import Gaussian, kernel
-from splatgl.studies.stress.case import (
+from tests.stress.case import (
     SHAPE_BOUND,
     UP,
     Bench,

@@ -13,7 +13,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.kernels import kernel
 from splatgl.splat.regions import OPAQUE
 from splatgl.splat.splats import Splats
-from splatgl.studies.stress.case import (
+from tests.stress.case import (
     PICTURE_BOUND,
     Bench,
     Check,

@@ -11,7 +11,7 @@ from splatgl.data.volume import Triple, Volume
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernels import kernel
 from splatgl.splat.transfer import Transfer
-from splatgl.studies.stress.case import (
+from tests.stress.case import (
     PICTURE_BOUND,
     SHAPE_BOUND,
     Bench,

@@ -12,9 +12,9 @@ from splatgl.errors import expected
 from splatgl.fileio import check_folder, check_output, write_file
 from splatgl.platforms import CHOICES
 from splatgl.scene.draw import WorkerOptions
-from splatgl.studies.stress import CASES, run_case
-from splatgl.studies.stress.case import Bench, Case, Check, Result
-from splatgl.studies.stress.report import PAGES, about, as_csv, as_json, as_markdown, heading, line, lines, verdict
+from tests.stress import CASES, run_case
+from tests.stress.case import Bench, Case, Check, Result
+from tests.stress.report import PAGES, about, as_csv, as_json, as_markdown, heading, line, lines, verdict
 
 if TYPE_CHECKING:
     from splatgl.distributed.worker import Drawing

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.studies.stress import attenuation, cameras, grids, images, optics
-from splatgl.studies.stress.case import Bench, Case, Result, exception_check
+from tests.stress import attenuation, cameras, grids, images, optics
+from tests.stress.case import Bench, Case, Result, exception_check
 
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer
