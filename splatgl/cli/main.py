@@ -281,6 +281,5 @@ COMMANDS = {
     "doctor": Command("describe and check the OpenGL of this machine", "info:add_doctor_parser"),
     "report": Command("measure error against run time of every method", "report", "[SOURCE…]"),
     "figure": Command("draw a figure of the paper, or check its claims", "figure", "N"),
-    "stress": Command("draw extreme scenes, and check the bound of each", "stress"),
     "explain-splat": Command("print the error of each form of splat for one voxel", "explain", "X,Y,Z"),
 }

@@ -1,1 +1,1 @@
-"""Studies that anyone can repeat: accuracy against time, stress, the paper's figures and claims."""
+"""Studies that anyone can repeat: accuracy against time, the paper's figures and claims."""

@@ -271,7 +271,6 @@ def test_folders_are_made_with_the_file(here: Path) -> None:
         "animate none.npy -o new/{frame}.png",
         "animate none.npy -o new/a.gif",
         "pyramid none.npy -o new/p.zarr",
-        "stress -o new --case none",
         "figure 5 none.npy -o new/a.png",
         "compare none.png none.png --report new/a.html",
     ],

@@ -42,8 +42,6 @@ CASES = {
     "compare missing.png missing.png": (*DRAWS, "splatgl.splat", "splatgl.comparison.html_report"),
     "report missing.nrrd": (*DRAWS, "splatgl.studies.accuracy.export"),
     "report --rounds 0": (*DRAWS, "splatgl.studies.accuracy.export"),
-    "stress --case missing": DRAWS,
-    "stress --explain missing": DRAWS,
     "figure 999": DRAWS,
     "figure 5 missing.nrrd -o /dev/null/x.png": DRAWS,
     "doctor --device a": NUMBERS,

@@ -34,10 +34,10 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.splat import kernels
 from splatgl.splat.settings import Settings, choices
 from splatgl.studies.accuracy.methods import methods
-from tests.stress import CASES
 from splatgl.viewer import commands
 from splatgl.viewer.key_bindings import load_bindings
 from splatgl.writers import TARGETS
+from tests.stress import CASES
 
 ROOT = Path(__file__).parents[2]
 TOP, DOCS = ROOT / "README.md", ROOT / "splatgl" / "docs"
@@ -197,7 +197,7 @@ ELSEWHERE = {
     "compare": "tests/cli/test_compare.py runs them on pictures that differ",
 }
 # what takes long: other tests run these commands on less
-LONG = ("figure", "stress --case", "render terrain", "animate terrain", "animate tunnel", "visible_male", "--workers")
+LONG = ("figure", "render terrain", "animate terrain", "animate tunnel", "visible_male", "--workers")
 # a picture and a movie are smaller here than in the guide
 SMALL = {"render": ["--size", "64"], "animate": ["--size", "24", "--frames", "2"]}
 
@@ -516,11 +516,12 @@ OTHERS |= {"--force-regen", "--regen-all"}
 
 @cache
 def known_options() -> frozenset[str]:
-    """Options of all commands, of the pytest plugin, and of scripts/test and scripts/gpu_check."""
+    """Options of all commands, of the pytest plugin, and of scripts."""
     known = set(re.findall(r'"(--splatgl[\w-]+)"', (ROOT / "splatgl" / "comparison" / "pytest_plugin.py").read_text()))
     scripts = "".join((ROOT / "scripts" / name).read_text() for name in ("test", "release"))
     known |= set(re.findall(r"(--all|--rehearsal)\b", scripts)) | {"--help"}
-    known |= set(re.findall(r'"(--[a-z]+)"', (ROOT / "scripts" / "gpu_check.py").read_text()))
+    for script in ("scripts/gpu_check.py", "tests/stress/__main__.py"):
+        known |= set(re.findall(r'"(--[a-z]+)"', (ROOT / script).read_text()))
     for name in COMMANDS:
         parser = _parser([name])
         (commands,) = (each for each in parser._actions if isinstance(each, argparse._SubParsersAction))

@@ -17,11 +17,11 @@ from splatgl.splat.kernels import kernel
 from splatgl.splat.plan import Lookup
 from splatgl.splat.ray_overlap import cells_of, ray_overlap
 from splatgl.splat.resolve import Resolved
-from tests.stress import CASES, run_case
 from tests.fuzz.error_bound import case, measure
 from tests.helpers import streaks
 from tests.helpers.noise import close_up
 from tests.helpers.splatting import SPLATS
+from tests.stress import CASES, run_case
 
 SIZE = (64, 48)
 # a picture of which nothing more is known

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, fields
+from collections.abc import Callable, Sequence
 from functools import partial
 from textwrap import fill
 
 import numpy as np
 
 from splatgl.reference.ray_integral import ray_integral
-from splatgl.studies import tables
+from splatgl.studies.tables import PAGE, Table
 from tests.stress import attenuation
 from tests.stress.case import (
     Bench,
@@ -26,7 +25,6 @@ from tests.stress.case import (
     parallel,
     peak,
 )
-from splatgl.studies.tables import PAGE, Table
 
 TARGETS = ("rgba8", "rgba16f", "rgba32f")
 # thicknesses of a shell in voxels: the same shell at decreasing resolution
@@ -226,7 +224,6 @@ WIDTHS = (18, 24, 9, 9, 8, 8, 8, 6)
 HEAD = ("case", "what", "right", "found", "error", "bound", "paper's", "")
 # page width in characters
 LINE_WIDTH = 96
-FIELDS = ("case", *(field.name for field in fields(Check)), "kept")
 
 
 def heading() -> str:
@@ -266,29 +263,8 @@ def about(case: Case) -> str:
     return "\n".join(fill(f"{name}: {text}", LINE_WIDTH, subsequent_indent="  ") for name, text in parts)
 
 
-def as_csv(results: Iterable[Result]) -> str:
-    """CSV with a row per check."""
-    return tables.as_csv(FIELDS, (_row(result, check) for result in results for check in result.checks))
-
-
-def as_json(results: Sequence[Result], renderer: str) -> str:
-    """JSON of all results by case."""
-    cases = [
-        {
-            **{name: getattr(result.case, name) for name in ("name", "stresses", "how", "right")},
-            "kept": result.ok,
-            "pictures": result.pictures,
-            "not_finite": result.bad_pixels,
-            "seconds": round(result.seconds, 3),
-            "checks": [_row(result, check) for check in result.checks],
-        }
-        for result in results
-    ]
-    return tables.as_json({"renderer": renderer, "cases": cases})
-
-
-def as_markdown(results: Sequence[Result], renderer: str) -> str:
-    """Markdown table of all cases with the check nearest to its bound, and a summary line."""
+def as_markdown(results: Sequence[Result]) -> str:
+    """Markdown table of all cases with the check nearest to its bound."""
     lines = []
     for result in results:
         worst = result.worst
@@ -297,7 +273,7 @@ def as_markdown(results: Sequence[Result], renderer: str) -> str:
         marked = error if result.ok else f"**{error}**"
         lines.append((f"`{result.case.name}`", result.case.stresses, marked, bound, paper))
     table = Table(("case", "what is extreme", "error", "bound", "paper's"), tuple(lines))
-    return f"{table.markdown()}\n\n{verdict(results)}. Drawn by {renderer}.\n"
+    return table.markdown()
 
 
 def _check_line(name: str, check: Check, ok: bool) -> str:
@@ -321,7 +297,3 @@ def _error(value: float, relative: bool) -> str:
     if not relative:
         return f"{value:.2g}"
     return f"{100 * value:.2g}%" if value < 0.1 else f"{100 * value:.0f}%"
-
-
-def _row(result: Result, check: Check) -> dict[str, object]:
-    return {"case": result.case.name, **asdict(check), "kept": check.ok}

@@ -27,8 +27,8 @@ from splatgl.studies.accuracy.ground_truth import LEVELS, Subject, Truths
 from splatgl.studies.accuracy.pareto import Point, Timing, cheapest, dominance, front, stairs
 from splatgl.studies.accuracy.sweep import Results, Store, Sweep, errors, select_methods
 from splatgl.studies.accuracy.vtk_peers import MAPPERS, Peer
-from tests.stress import CASES, run_case
 from tests.helpers.splatting import SPLATS
+from tests.stress import CASES, run_case
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
 
