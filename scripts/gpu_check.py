@@ -28,6 +28,7 @@ from typing import Any
 
 import moderngl
 import numpy as np
+from benchmarks.vtk_peers import Peer
 
 import splatgl as sg
 from splatgl.cli.doctor import check_line
@@ -40,7 +41,6 @@ from splatgl.gl.selfcheck import run_checks
 from splatgl.gl.sheet_tiles import SheetTiles
 from splatgl.gl.tiles import Tiles
 from splatgl.reference.field import field_integral
-from splatgl.studies.accuracy.vtk_peers import Peer
 from tests.gpu.gpu_check_tests import tests
 
 # seconds in total, and for the tests

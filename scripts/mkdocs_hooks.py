@@ -15,7 +15,7 @@ from splatgl.cli.main import COMMANDS, _parser
 from splatgl.options import declared
 from splatgl.splat.settings import Settings
 from splatgl.splat.technique import TECHNIQUES, table_of_refusals
-from splatgl.studies.accuracy.content import registry
+from splatgl.studies.accuracy.page import registry
 from splatgl.studies.tables import Table
 from splatgl.viewer import commands
 

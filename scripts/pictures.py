@@ -15,7 +15,6 @@ import re
 import shlex
 import subprocess
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -26,7 +25,6 @@ from PIL import Image as Pillow
 import splatgl as sg
 from splatgl.cli.main import main as command
 from splatgl.scene.scene_file import SceneFile
-from splatgl.studies.accuracy.content import CONVERGENCE, OVERVIEW
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "splatgl" / "docs" / "pictures"
@@ -239,11 +237,10 @@ def window(source: str = "") -> None:
 
 def report(source: str = "nerve") -> None:
     """The diagram of error against run time of `splatgl report --full`, with fewer colours."""
-    peers = ["--peers"] if find_spec("vtk") else []
     with TemporaryDirectory() as folder:
-        if command(["report", source, "--full", *peers, "-o", folder]):
+        if command(["report", source, "--full", "-o", folder]):
             sys.exit("no report")
-        (drawn,) = (path for path in Path(folder).glob("*.png") if not path.stem.endswith((CONVERGENCE, OVERVIEW)))
+        (drawn,) = Path(folder).glob("*.png")
         save(Pillow.open(drawn).convert("RGB"), "report")
 
 

@@ -29,6 +29,7 @@ from typing import Any
 import moderngl
 import numpy as np
 from rows import tell
+from vtk_peers import Peer
 
 import splatgl as sg
 from splatgl.gl.target import Target
@@ -37,7 +38,6 @@ from splatgl.reference.ray_integral import ray_integral_at
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.resolve import extract_for_settings, select_splats
-from splatgl.studies.accuracy.vtk_peers import Peer
 
 FLOOR_VERTEX = """#version 330
 in vec3 place; uniform mat4 clip_from_index; uniform float size;

@@ -25,11 +25,11 @@ from typing import Any
 import numpy as np
 from frames import Frame, timed
 from rows import tell
+from vtk_peers import Peer
 
 import splatgl as sg
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.resolve import extract_for_settings
-from splatgl.studies.accuracy.vtk_peers import Peer
 from splatgl.studies.plots import BLACK, BLUE, GRAY, RED, encode, sheet, style
 
 # voxels a side against pixels, pixels a side against voxels

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from PIL import Image as Pillow
 from PIL import ImageDraw, ImageFont
+from vtk_peers import Peer
 
 import splatgl as sg
 from splatgl.reference.field import field_integral
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.studies.accuracy.vtk_peers import Peer
 
 # pixels of a picture, and of one volume's; samples along each side of a pixel, samples a voxel of the field, height of
 # the letters' row

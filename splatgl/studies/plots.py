@@ -6,7 +6,7 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -121,41 +121,26 @@ def plain(text: str) -> dict[str, Any]:
 
 # directions to try, best first: right, above, below, left, and between
 DIRECTIONS = np.array([(1, 0), (1, 1), (1, -1), (0, 1), (0, -1), (-1, 0), (-1, 1), (-1, -1)])
-# distances from the point to try, pixels; from the second on, with a leader line
-REACHES = (7.0, 17.0, 30.0, 46.0, 64.0)
-LED = REACHES[1]
-# half size of a point, and margin around a label, pixels
-POINT, MARGIN = 4.5, 1.5
-# half width of a line, and its sampling distance, pixels
-LINE, STEP = 1.0, 5.0
-
-
-class Place(NamedTuple):
-    """Position of a label: its lower left corner [2], and the end of its leader line [2], if it has one; pixels."""
-
-    corner: np.ndarray
-    leader: np.ndarray | None
+# distance of a label from its point, half size of a point, half width of a line, its sampling distance, pixels
+REACH, POINT, LINE, STEP = 7.0, 4.5, 1.0, 5.0
 
 
 def places(
     points: np.ndarray, sizes: np.ndarray, frame: np.ndarray, lines: Sequence[np.ndarray] = ()
-) -> list[Place | None]:
-    """A position for each label of `sizes` [N, 2] beside points [N, 2], most important first.
+) -> list[np.ndarray | None]:
+    """Lower left corner [2] of each label of `sizes` [N, 2] beside points [N, 2], most important first.
 
-    lines: polygons [M, 2] that labels avoid if possible. None for labels without space within `frame` (left, bottom,
-    right, top).
+    lines: polygons [M, 2] that labels avoid. None for labels without space within `frame` (left, bottom, right, top).
     """
-    taken = np.concatenate([points - POINT, points + POINT], axis=1)
     along = np.concatenate([np.zeros((0, 2)), *(_along(line) for line in lines)])
-    drawn = np.concatenate([along - LINE, along + LINE], axis=1)
-    placed: list[Place | None] = []
+    taken = [*np.concatenate([points - POINT, points + POINT], axis=1), *np.hstack([along - LINE, along + LINE])]
+    placed: list[np.ndarray | None] = []
     for point, size in zip(points, sizes, strict=True):
-        place = _place(point, size, frame, np.concatenate([taken, drawn])) or _place(point, size, frame, taken)
-        placed.append(place)
-        if place is not None:
-            leader = _along(np.array([point, np.clip(point, place.corner, place.corner + size)]))
-            boxes = [[*place.corner, *(place.corner + size)]], np.concatenate([leader - LINE, leader + LINE], axis=1)
-            taken = np.concatenate([taken, *boxes])
+        corners = (point + d * (REACH / np.hypot(*d)) - size * (1 - d) / 2 for d in DIRECTIONS)
+        boxes = (np.concatenate([corner, corner + size]) for corner in corners)
+        box = next((box for box in boxes if _is_free(box, frame, np.array(taken))), None)
+        placed.append(None if box is None else box[:2])
+        taken += [] if box is None else [box]
     return placed
 
 
@@ -165,24 +150,7 @@ def _along(line: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros((0, 2)), *parts])
 
 
-def _place(point: np.ndarray, size: np.ndarray, frame: np.ndarray, taken: np.ndarray) -> Place | None:
-    for reach in REACHES:
-        for direction in DIRECTIONS:
-            # the label's side or corner nearest to the point is `reach` away
-            corner = point + direction * (reach / np.hypot(*direction)) - size * (1 - direction) / 2
-            low, high = corner - MARGIN, corner + size + MARGIN
-            if (low < frame[:2]).any() or (high > frame[2:]).any() or _touches(low, high, taken):
-                continue
-            if reach < LED:
-                return Place(corner, None)
-            end = np.clip(point, corner, corner + size)
-            path = _along(np.array([point, end]))
-            # the line may cross its point only
-            if not any(_touches(at, at, taken) for at in path[np.abs(path - point).max(axis=1) > 2 * POINT]):
-                return Place(corner, end)
-    return None
-
-
-def _touches(low: np.ndarray, high: np.ndarray, taken: np.ndarray) -> bool:
-    """Whether a box from `low` to `high` [2] overlaps any of [N, 4] left, bottom, right, top."""
-    return bool(((taken[:, :2] <= high) & (taken[:, 2:] >= low)).all(axis=1).any())
+def _is_free(box: np.ndarray, frame: np.ndarray, taken: np.ndarray) -> bool:
+    """Whether a box lies in the frame, and overlaps none of [N, 4]; each is left, bottom, right, top."""
+    inside = (box[:2] >= frame[:2]).all() and (box[2:] <= frame[2:]).all()
+    return bool(inside and not ((taken[:, :2] < box[2:]) & (taken[:, 2:] > box[:2])).all(axis=1).any())

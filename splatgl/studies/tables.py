@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
-import json
-import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any
 
 from splatgl.comparison.html_report import html_table
 
@@ -27,21 +24,21 @@ class Table:
     """
 
     columns: tuple[str, ...]
-    rows: tuple[tuple[float | str, ...], ...]
+    rows: tuple[tuple[float | str | None, ...], ...]
     title: str = ""
     folded: bool = False
     strong: frozenset[int] = frozenset()
 
     def csv(self) -> str:
-        """Comma-separated text with a header, numbers in full precision."""
-        lines = [",".join(self.columns)]
-        lines += [",".join(v if isinstance(v, str) else repr(float(v)) for v in row) for row in self.rows]
-        return "\n".join(lines) + "\n"
+        """Comma-separated text with a header, numbers in full precision, None as nothing."""
+        buffer = io.StringIO()
+        csv.writer(buffer, lineterminator="\n").writerows([self.columns, *self.rows])
+        return buffer.getvalue()
 
     @property
     def cells(self) -> list[list[str]]:
         """The rows as text, numbers with four digits."""
-        return [[v if isinstance(v, str) else f"{v:.4g}" for v in row] for row in self.rows]
+        return [["" if v is None else v if isinstance(v, str) else f"{v:.4g}" for v in row] for row in self.rows]
 
     def text(self) -> str:
         """Aligned columns."""
@@ -73,64 +70,6 @@ class Table:
         return f'<section class="table">{f"<h3>{title}</h3>" if title else ""}{body}</section>'
 
 
-@dataclass(frozen=True)
-class Heading:
-    """A heading; level: 1 for the report's title, 2 and more for sections."""
-
-    text: str
-    level: int = 2
-
-    def markdown(self) -> str:
-        """Markdown."""
-        return f"{'#' * self.level} {self.text}"
-
-    def html(self) -> str:
-        """HTML."""
-        return f"<h{self.level}>{escape(self.text)}</h{self.level}>"
-
-
-@dataclass(frozen=True)
-class Text:
-    """Paragraphs, one per line, or the items of a list; **words** are bold."""
-
-    lines: tuple[str, ...]
-    bullets: bool = False
-
-    def markdown(self) -> str:
-        """Markdown."""
-        return "\n".join(f"* {line}" for line in self.lines) if self.bullets else "\n\n".join(self.lines)
-
-    def html(self) -> str:
-        """HTML."""
-        tag = "li" if self.bullets else "p"
-        lines = (BOLD.sub(r"<b>\1</b>", escape(line)) for line in self.lines)
-        body = "".join(f"<{tag}>{line}</{tag}>" for line in lines)
-        return f"<ul>{body}</ul>" if self.bullets else body
-
-
-def as_csv(fields: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
-    """A header line and a line per row; numbers in full precision, empty cells for missing values."""
-    buffer = io.StringIO()
-    writer = csv.DictWriter(buffer, fields, lineterminator="\n", restval="")
-    writer.writeheader()
-    writer.writerows(rows)
-    return buffer.getvalue()
-
-
-def as_json(value: Any) -> str:
-    """Lists and dictionaries of plain values; NaN and infinity become null."""
-    return json.dumps(_finite(value), ensure_ascii=False, indent=1) + "\n"
-
-
 def _line(cells: Sequence[str]) -> str:
     # escape bars, which would end the cell
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
-
-
-def _finite(value: Any) -> Any:
-    """The value, with null for numbers that JSON cannot represent."""
-    if isinstance(value, Mapping):
-        return {key: _finite(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import combinations, islice
+from itertools import combinations
 
 import numpy as np
 import pytest
 
+import splatgl as sg
 from splatgl.cli.main import _parser
-from splatgl.studies.accuracy.content import blocks, choices
-from splatgl.studies.accuracy.diagram import _figure, overview, picture, plot_styles
+from splatgl.studies.accuracy.diagram import _figure, picture, plot_styles
 from splatgl.studies.accuracy.methods import DEFAULT, EXACT, TRUTHS, methods
-from splatgl.studies.accuracy.pareto import Timing
-from splatgl.studies.accuracy.sweep import Results, Row, SceneResults
+from splatgl.studies.accuracy.page import choices, conclusion
+from splatgl.studies.accuracy.sweep import Row, SceneResults, Subject, Timing
 from splatgl.studies.plots import places
 
 FRAME = np.array([0.0, 0.0, 400.0, 300.0])
@@ -24,7 +24,7 @@ def test_labels_overlap_nothing(rng: np.random.Generator) -> None:
     points = rng.uniform((20, 20), (380, 280), (30, 2))
     sizes = np.array([(rng.uniform(20, 60), 9.0) for _ in points])
     found = places(points, sizes, FRAME, [points[:6]])
-    boxes = [(*p.corner, *(p.corner + size)) for p, size in zip(found, sizes, strict=True) if p is not None]
+    boxes = [(*p, *(p + size)) for p, size in zip(found, sizes, strict=True) if p is not None]
     assert len(boxes) > 20
     for a, b in combinations(boxes, 2):
         assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
@@ -40,10 +40,8 @@ def test_a_label_without_room_is_left_out() -> None:
 
 
 def test_the_first_label_is_nearest() -> None:
-    points = np.array([[100.0, 100.0], [300.0, 200.0]])
-    first, second = places(points, np.array([(30.0, 9.0)] * 2), FRAME)
-    assert first and second and first.leader is None
-    assert first.corner[0] == pytest.approx(107.0)
+    first, second = places(np.array([[100.0, 100.0], [300.0, 200.0]]), np.array([(30.0, 9.0)] * 2), FRAME)
+    assert first is not None and second is not None and first[0] == pytest.approx(107.0)
 
 
 def test_axes_differ_without_colour() -> None:
@@ -51,20 +49,25 @@ def test_axes_differ_without_colour() -> None:
     assert len(set(told)) == len(told)
 
 
+def subject() -> Subject:
+    splats = sg.Splats.from_points(np.eye(3), np.ones((3, 3)), np.full(3, 0.5))
+    return Subject("made up", sg.Camera.orbit(splats, size=(8, 8)), sg.Settings(), lambda *how: splats)
+
+
 def scene(error: float = 1e-3) -> SceneResults:
     """Every third method: enough for all axes, and for labels that are in each other's way."""
     rows = []
     for n, method in enumerate(list(methods().values())[::3]):
-        timing = Timing.of(dict(enumerate(0.01 * (1 + n) * np.array([0.9, 1.0, 1.1]))))
+        timing = Timing(tuple(0.01 * (1 + n) * np.array([0.9, 1.0, 1.1])))
         found = {truth: {"rmse": error / (1 + n)} for truth in TRUTHS}
-        rows.append(Row(method.name, "", "", "", timing, found))
-    return SceneResults("made up", {"splats": 10, "size": [8, 8], "note": ""}, tuple(rows))
+        rows.append(Row(method.name, timing=timing, errors=found))
+    return SceneResults(subject(), rows)
 
 
 def test_the_legend_names_every_mark() -> None:
     """The default and exact splats, which have marks of their own, too."""
     pytest.importorskip("matplotlib")
-    rows = tuple(replace(row, method=name) for row, name in zip(scene().rows, (DEFAULT, EXACT, "2×2"), strict=False))
+    rows = list(replace(row, method=name) for row, name in zip(scene().rows, (DEFAULT, EXACT, "2×2"), strict=False))
     (legend,) = _figure(replace(scene(), rows=rows), HEAD).legends
     told = {text.get_text() for text in legend.get_texts()}
     assert {DEFAULT, EXACT} <= told and "" not in told
@@ -89,9 +92,9 @@ def decided(**measured: tuple[float, float]) -> SceneResults:
     """Methods by error against the field and seconds."""
     rows = []
     for name, (error, seconds) in measured.items():
-        timing = Timing.of(dict(enumerate(seconds * np.array([0.9, 1.0, 1.1]))))
-        rows.append(Row(name, "", "", "", timing, {"field": {"rmse": error}}))
-    return replace(scene(), rows=tuple(rows))
+        timing = Timing(tuple(seconds * np.array([0.9, 1.0, 1.1])))
+        rows.append(Row(name, timing=timing, errors={"field": {"rmse": error}}))
+    return SceneResults(subject(), rows)
 
 
 def test_what_to_take() -> None:
@@ -101,14 +104,10 @@ def test_what_to_take() -> None:
     finer = decided(**{"default": (0.1, 0.2), "exact": (0.2, 0.19), "post b-spline 4×4": (0.05, 2.0)})
     assert [c.point.name for c in choices(finer)] == ["default", "default", "post b-spline 4×4"]
     assert choices(decided(exact=(0.1, 0.2))) == ()
-    machine = {"renderer": "llvmpipe", "opengl": "4.5", "processor": "x", "cores": 2}
-    _, sentence, table = islice(blocks(Results({"machine": machine}, (all_made,), ())), 3)
-    assert sentence.lines[0] == (
+    assert conclusion(all_made)[0].startswith(
         "**Take the default** (10 % off in 200 ms), for print, too; for previews single splats, 2×2 samples a pixel: "
         "25 % off in 10 ms."
     )
-    options = "--like 0.1 --antialias supersample --samples 2"
-    assert table.rows[1] == ("previews", f"single splats, 2×2 samples a pixel ({options})", "25 %", "10 ms")
 
 
 def test_options_of_methods_are_those_of_the_command() -> None:
@@ -116,12 +115,3 @@ def test_options_of_methods_are_those_of_the_command() -> None:
     for method in methods().values():
         if method.options and not method.coarse:
             parser.parse_args(["render", "tunnel", *method.options.split()])
-
-
-@pytest.mark.long
-def test_the_diagram_for_deciding() -> None:
-    pytest.importorskip("matplotlib")
-    made = decided(**{"default": (0.1, 0.2), "exact": (0.2, 0.1), "2×2": (0.25, 0.01)})
-    for results in (made, replace(made, rows=made.rows[:1])):
-        drawn = overview(results, HEAD)
-        assert drawn[".png"].startswith(b"\x89PNG") and b"how far from the true picture" in drawn[".svg"]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.studies.accuracy.content import PLAIN, caption, choices, deciding_truth, group_digits, rivals
 from splatgl.studies.accuracy.methods import (
     AXES,
     DEFAULT,
@@ -20,8 +19,7 @@ from splatgl.studies.accuracy.methods import (
     axis_of,
     methods,
 )
-from splatgl.studies.accuracy.pareto import Point, stairs
-from splatgl.studies.accuracy.sweep import SceneResults
+from splatgl.studies.accuracy.sweep import Point, SceneResults, front
 from splatgl.studies.plots import BLACK, BLUE, GRAY, GREEN, ORANGE, RED, encode, places, sheet, style
 
 if TYPE_CHECKING:
@@ -78,86 +76,10 @@ def plot_styles() -> dict[str, PlotStyle]:
 
 def picture(scene: SceneResults, head: Mapping[str, Any]) -> dict[str, bytes]:
     """The diagram as .png and .svg. Raises InputError if matplotlib is not installed."""
+    about = {"Title": f"Error against run time: {scene.subject.name}", "Description": head["machine"]["renderer"]}
     with style():
-        return _encode(_figure(scene, head), f"Error against run time: {scene.name}", head)
-
-
-# size in inches of the diagram for deciding, and of its text in points: as large as the page's at 400 pixels
-OVERVIEW_SIZE, OVERVIEW_TEXT = (5.6, 4.2), 12.0
-
-
-def overview(scene: SceneResults, head: Mapping[str, Any]) -> dict[str, bytes]:
-    """The methods to choose from, with what to take by name, as .png and .svg. Raises InputError as `picture`."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.ticker import LogLocator
-
-    truth, made = deciding_truth(scene), choices(scene)
-    points = rivals(truth, scene)
-    least = min((p.error for p in points if p.error > 0), default=1.0)
-    with style():
-        figure = sheet(OVERVIEW_SIZE[1], OVERVIEW_SIZE[0])
-        plot = figure.subplots()
-        plot.plot(*_places(points, least), "o", color=GRAY, markersize=5, alpha=0.5)
-        x, y = _places(stairs(points), least)
-        plot.plot(np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1], color=BLACK, linewidth=2.6, alpha=0.18)
-        names: dict[str, list[str]] = {}
-        for choice in made:
-            names.setdefault(choice.point.name, []).append(choice.purpose)
-        chosen = list({choice.point.name: choice.point for choice in made}.values())
-        plot.plot(*_places(chosen, least), "D", color=BLACK, markersize=8)
-        plot.set(xscale="log", yscale="log")
-        plot.margins(0.16, 0.16)
-        plot.set_xlabel("milliseconds a frame", fontsize=OVERVIEW_TEXT)
-        plot.set_ylabel("off, in per cent", fontsize=OVERVIEW_TEXT)
-        plot.set_title(f"{scene.name}: how far from {PLAIN[truth]}", fontsize=OVERVIEW_TEXT)
-        plot.tick_params(labelsize=OVERVIEW_TEXT - 1.5)
-        _ticks(plot)
-        plot.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        plot.yaxis.set_major_formatter(lambda value, _: f"{100 * value:.3g}")
-        plot.yaxis.set_minor_formatter(lambda value, _: "")
-        FigureCanvasAgg(figure).draw()
-        figure.set_layout_engine("none")
-        for point, (x, y) in zip(chosen, np.column_stack(_places(chosen, least)), strict=True):
-            text = " and ".join(names[point.name])
-            text += "" if point.name == DEFAULT else f":\n{methods()[point.name].words}"
-            is_right = plot.transAxes.inverted().transform(plot.transData.transform((x, y)))[0] > 0.5
-            ground = {"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1}
-            plot.annotate(
-                text,
-                (x, y),
-                (-10 if is_right else 10, 8),
-                textcoords="offset points",
-                ha="right" if is_right else "left",
-                fontsize=OVERVIEW_TEXT,
-                bbox=ground,
-            )
-        return _encode(figure, f"What to draw {scene.name} with", head)
-
-
-def convergence(lines: Sequence[Mapping[str, Any]], head: Mapping[str, Any]) -> dict[str, bytes]:
-    """Errors against the refined unit, a line per study, as .png and .svg. Raises InputError as `picture`."""
-    with style():
-        figure = sheet(HEIGHT, 1.6 * PANEL)
-        plot = figure.subplots()
-        for line, look in zip(lines, plot_styles().values(), strict=False):
-            x = np.array(line["values"]) / line["values"][0]
-            errors = np.array(line["errors"])
-            name = f"{line['study']}, from {line['values'][0]:g} {line['unit']}"
-            plot.plot(x, errors, look.marker, linestyle=look.dashes, color=look.color, markersize=4, label=name,
-                      markerfacecolor="white", linewidth=0.9)  # fmt: skip
-        reach = np.array([1.0, 16.0])
-        plot.plot(reach, 0.1 * reach**-2, color=BLACK, linewidth=2.6, alpha=0.18, label="order 2, as expected")
-        plot.set(xscale="log", yscale="log", xlabel="times as fine", ylabel="relative RMSE")
-        plot.grid(True, which="major", color="#e4e4e4", linewidth=0.5, zorder=0)
-        plot.legend(frameon=False, fontsize=6.5, loc="upper right")
-        _ticks(plot)
-        return _encode(figure, "Convergence", head)
-
-
-def _encode(figure: Figure, title: str, head: Mapping[str, Any]) -> dict[str, bytes]:
-    about = {"Title": title, "Description": head["machine"]["renderer"]}
-    maker = f"splatgl {head['version']}"
-    return {suffix: encode(figure, suffix, about, maker, RESOLUTION) for suffix in (".png", ".svg")}
+        figure, maker = _figure(scene, head), f"splatgl {head['version']}"
+        return {suffix: encode(figure, suffix, about, maker, RESOLUTION) for suffix in (".png", ".svg")}
 
 
 def _figure(scene: SceneResults, head: Mapping[str, Any]) -> Figure:
@@ -165,12 +87,10 @@ def _figure(scene: SceneResults, head: Mapping[str, Any]) -> Figure:
 
     truths = [truth for truth in scene.truths if any(truth in axis_of(p.name).truths for p in scene.points(truth))]
     figure = sheet(HEIGHT + 0.75, PANEL * (FIRST - 1 + max(len(truths), 1)))
-    width, height = scene.about["size"]
-    machine = head["machine"]
-    by = machine["renderer"].split(" (")[0]
-    figure.suptitle(
-        f"{scene.name}: {group_digits(scene.about['splats'])} splats, {width}×{height} pixels, {by}", fontsize=9
-    )
+    width, height = scene.subject.camera.size
+    by = head["machine"]["renderer"].split(" (")[0]
+    count = f"{len(scene.subject.splats()):,}"
+    figure.suptitle(f"{scene.subject.name}: {count} splats, {width}×{height} pixels, {by}", fontsize=9)
     if not truths:
         return figure
     wide = {"width_ratios": [FIRST, *(1 for _ in truths[1:])]}
@@ -208,11 +128,11 @@ def _panel(plot: Plot, scene: SceneResults, truth: str) -> dict[str, Any]:
                     on.remove(point)
             if on:
                 shown[name] = _line(plot, on, look, least, axis.connected)
-    x, y = _places(stairs(rivals(truth, scene)), least)
+    x, y = _places(front(scene.rivals(truth)), least)
     steps = np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
     (shown["front"],) = plot.plot(*steps, color=BLACK, linewidth=2.6, alpha=0.18, solid_capstyle="round", zorder=1)
     plot.set(xscale="log", yscale="log", xlabel="milliseconds for a frame")
-    plot.set_title(f"{TITLES[truth]}\n{caption(scene, truth)}", fontsize=7.5)
+    plot.set_title(f"{TITLES[truth]}", fontsize=7.5)
     plot.grid(True, which="major", color="#e4e4e4", linewidth=0.5, zorder=0)
     plot.margins(0.12, 0.1)
     low, high = np.log10(plot.get_ylim())
@@ -244,7 +164,7 @@ def _places(points: list[Point], least: float) -> tuple[np.ndarray, np.ndarray]:
 
 def _line(plot: Plot, points: list[Point], look: PlotStyle, least: float, connected: bool) -> Any:
     x, y = _places(points, least)
-    spread = np.abs(np.array([[1e3 * p.time.low, 1e3 * p.time.high] for p in points]).T - x)
+    spread = np.abs(np.array([[1e3 * min(p.time.rounds), 1e3 * max(p.time.rounds)] for p in points]).T - x)
     plot.errorbar(x, y, xerr=spread, fmt="none", ecolor=look.color, elinewidth=0.5, alpha=0.6, zorder=2)
     (drawn,) = plot.plot(
         x,
@@ -276,7 +196,7 @@ def _label(plot: Plot, scene: SceneResults, truth: str, canvas: FigureCanvasAgg)
     """
     points = [p for p in scene.points(truth) if truth in axis_of(p.name).truths]
     least = min((p.error for p in points if p.error > 0), default=1.0)
-    best = {p.name for p in stairs(rivals(truth, scene))}
+    best = {p.name for p in front(scene.rivals(truth))}
     inner = set()
     for axis in AXES.values():
         inner |= {p.name for p in _on(axis, {p.name: p for p in points})[1:-1] if axis.connected}
@@ -288,22 +208,8 @@ def _label(plot: Plot, scene: SceneResults, truth: str, canvas: FigureCanvasAgg)
     drawn = [plot.text(0, 0, text, fontsize=LABEL, zorder=6) for text in texts]
     sizes = np.array([text.get_window_extent(renderer).size for text in drawn])
     lines = [plot.transData.transform(line.get_xydata()) for line in plot.lines if line.get_linestyle() != "None"]
-    for point in points:
-        spread = [(1e3 * seconds, point.error or NOTHING * least) for seconds in (point.time.low, point.time.high)]
-        lines.append(plot.transData.transform(spread))
-    positions = places(where, sizes, np.array(plot.bbox.extents), lines)
-    back = plot.transData.inverted()
-    for text, place, point in zip(drawn, positions, where, strict=True):
-        if place is None:
+    for text, corner in zip(drawn, places(where, sizes, np.array(plot.bbox.extents), lines), strict=True):
+        if corner is None:
             text.remove()
-            continue
-        text.set(position=back.transform(place.corner).tolist(), verticalalignment="bottom")
-        if place.leader is not None:
-            plot.plot(
-                *back.transform([point, place.leader]).T,
-                color=GRAY,
-                linewidth=0.4,
-                zorder=2,
-                scalex=False,
-                scaley=False,
-            )
+        else:
+            text.set(position=plot.transData.inverted().transform(corner).tolist(), verticalalignment="bottom")

@@ -31,7 +31,7 @@ class Method:
     changes: of Settings, relative to the exact splats of version 0.1, or, if from_scene, to the scene's settings, or,
     if paper, to the settings of 1998. z_s_share: z_s as a fraction of the way from the nearest to the farthest splat.
     threshold: of the extractor, if above the scene's. coarse: number of downsamplings by two. quick: whether --quick
-    includes it. peer: of `vtk_peers.MAPPERS`, which draws it instead of splatgl.
+    includes it.
     """
 
     name: str
@@ -43,7 +43,6 @@ class Method:
     threshold: float = 0.0
     coarse: int = 0
     quick: bool = True
-    peer: str = ""
 
     def settings(self, base: Settings, depths: tuple[float, float]) -> Settings:
         """Settings of the method; depths: of the nearest and the farthest splat, world units."""
@@ -59,7 +58,7 @@ class Method:
     @property
     def options(self) -> str:
         """The options of `splatgl render` that draw so; "" if there are none."""
-        if self.peer or self.paper or self.z_s_share is not None:
+        if self.paper or self.z_s_share is not None:
             return ""
         given = {"threshold": self.threshold, **self.changes} if self.threshold else self.changes
         flags = [f"--{name.replace('_', '-')} {value}" for name, value in given.items()]
@@ -145,13 +144,13 @@ def _variants(name: str, key: str, values: tuple[Any, ...], quick: tuple[Any, ..
     return tuple(variants)
 
 
-def _supersampled(name: str, counts: tuple[int, ...], peer: str = "", **others: Any) -> Methods:
+def _supersampled(name: str, counts: tuple[int, ...], **others: Any) -> Methods:
     """A method per number of samples along an axis of a pixel."""
     variants = []
     for k in counts:
         kind = {"antialias": "supersample", "samples": k} if k > 1 else {"antialias": "off"}
         label = f"{k}×{k}" if k > 1 else name
-        variants.append(Method(f"{name} {label}" if k > 1 else name, {**others, **kind}, label, quick=k < 4, peer=peer))
+        variants.append(Method(f"{name} {label}" if k > 1 else name, {**others, **kind}, label, quick=k < 4))
     return tuple(variants)
 
 
@@ -307,14 +306,5 @@ for _axis in (
     ),
     _post_axis("b-spline"),
     _post_axis("crawfis-max"),
-    Axis(
-        "peers",
-        "VTK's ray casters, two samples a voxel; they classify what they interpolate (with --peers)",
-        (*_supersampled("VTK, CPU", SAMPLES, peer="cpu"), Method("VTK, OpenGL", label="VTK, OpenGL", peer="gpu")),
-        FILTERING,
-        connected=False,
-        fronts=("field",),
-        apart=True,
-    ),
 ):
     register(_axis)

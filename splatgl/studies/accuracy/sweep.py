@@ -1,73 +1,325 @@
-"""Draws and times every method, and stores and loads the results."""
+"""Measures the error and the time of each method on a scene, against up to four truths."""
 
 from __future__ import annotations
 
-import json
-import math
 import random
 import statistics
 import time
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from contextlib import closing, suppress
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from splatgl import reference
 from splatgl.comparison.compare import compare
+from splatgl.data.halving import halve_volume
 from splatgl.data.image import Image
+from splatgl.data.scenes import FORMULAS, Formula
+from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
+from splatgl.reference.blend import pixel_means
+from splatgl.reference.field import Field, field_integral
+from splatgl.reference.ray_integral import ray_integral
+from splatgl.scene.scene_file import SceneFile
+from splatgl.splat.camera import Camera
+from splatgl.splat.extract import POST_KERNEL, extract
+from splatgl.splat.resolve import depth_range, extraction_kind
 from splatgl.splat.settings import Settings
-from splatgl.studies.accuracy.convergence import STUDIES
-from splatgl.studies.accuracy.ground_truth import Level, Request, Subject, Truths
-from splatgl.studies.accuracy.methods import TRUTHS, Method, axis_of, methods
-from splatgl.studies.accuracy.pareto import Point, Timing
-from splatgl.studies.accuracy.vtk_peers import Peer
+from splatgl.splat.splats import Splats
+from splatgl.splat.transfer import Transfer
+from splatgl.studies.accuracy.methods import DEFAULT, TRUTHS, Method, axis_of, methods
 
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer
 
-# pixels above `p999`, per cent
-WORST = 0.1
-
-
-def errors(image: Image, truth: Image, flip: bool = False) -> dict[str, float | None]:
-    """Errors of `image` against `truth`, both [H, W, 4], by name. Raises InputError as `compare`.
-
-    rmse: of the differences, over the root mean square of the truth. maximum: of any channel; p999: exceeded by one
-    pixel in a thousand; both relative to an X-ray's peak. share_over: of pixels off by more than 1/255. energy:
-    (Σ − Σ_truth)/Σ_truth over all channels. flip: mean FLIP, None if not requested.
-    """
-    comparison = compare(image, truth, extra=("flip",) if flip else ())
-    drawn, right = (np.asarray(part.pixels, np.float64) for part in (image, truth))
-    worst = np.abs(drawn - right).max(axis=-1)
-    scale = float(np.sqrt((right * right).mean()))
-    return {
-        "rmse": comparison.rmse / scale if scale else comparison.rmse,
-        "maximum": comparison.maximum / comparison.peak,
-        "p999": float(np.percentile(worst, 100 - WORST)) / comparison.peak,
-        "share_over": comparison.share_over,
-        "energy": comparison.sum_error,
-        "flip": comparison.flip,
-    }
+# progress callback, called once per step with its description
+Tick = Callable[[str], None]
 
 
 @dataclass(frozen=True)
+class Level:
+    """Level of effort.
+
+    size: pixels of an image's longer side. rounds: timings per method. splats: approximate maximum, beyond which
+    the volume is downsampled; None: never. samples: of the sampled truth, per axis of a pixel. rays, steps: of
+    integrals along rays, per axis of a pixel and per voxel. most: samples of the reference, as more take minutes.
+    all_methods: whether it includes slow methods.
+    """
+
+    name: str
+    size: int
+    rounds: int
+    splats: int | None
+    samples: int
+    rays: int
+    steps: int
+    most: int
+    all_methods: bool
+
+    def methods(self, only: Sequence[str] = ()) -> list[Method]:
+        """The methods that it measures. only: names of methods or axes, all if empty."""
+        known = [method for method in methods().values() if method.quick or self.all_methods or only]
+        return [m for m in known if not only or m.name in only or axis_of(m.name).name in only]
+
+
+LEVELS = {
+    "quick": Level("quick", 64, 5, 30_000, 16, 2, 2, 1 << 17, False),
+    "normal": Level("normal", 128, 7, 200_000, 16, 4, 2, 1 << 19, True),
+    "full": Level("full", 256, 11, None, 16, 4, 4, 1 << 21, True),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A scene with its camera. note: its modifications. content: volume and transfer function, for the field; None:
+    splats alone. build: (threshold, number of 2× downsamplings, kernel of values that are classified after
+    reconstruction, else "") → splats. formula: sampled by the volume, None if unknown. cache: extracted splats.
+    seconds: of extraction, by `id` of splats.
+    """
+
+    name: str
+    camera: Camera
+    settings: Settings
+    build: Callable[[float, int, str], Splats]
+    note: str = ""
+    content: tuple[Volume, Transfer] | None = None
+    formula: Formula | None = None
+    cache: dict[tuple[float, int, str], Splats] = field(default_factory=dict)
+    seconds: dict[int, float] = field(default_factory=dict)
+
+    @classmethod
+    def open(cls, source: str, level: Level) -> Subject:
+        """The scene of a source, downsampled to at most the level's number of splats. Raises InputError as `extract`,
+        and for a scene without voxels.
+        """
+        scene = SceneFile.from_toml(Path(source)) if source.endswith(".toml") else SceneFile(source)
+        scene.require_one_volume()
+        volume = scene.open()
+        transfer, scene = scene.transfer_for(volume), scene.cut(volume)
+        splats = extract(volume, transfer, scene.threshold, classification="pre")
+        if not len(splats):
+            fix = "give a scene.toml with a transfer function"
+            raise expected(source, "voxels that are not transparent", "none", fix)
+        camera = replace(scene.view, size=_fit_size(scene.view.size, level.size)).camera(volume, splats)
+        formula = FORMULAS.get(scene.volume) if not scene.load else None
+        halvings = 0
+        # averaged voxels would not be samples of the formula
+        while formula is None and level.splats is not None and len(splats) > level.splats and min(volume.shape) > 1:
+            joint = halve_volume(volume, bool(transfer.labels))
+            fewer = extract(joint, transfer, scene.threshold, classification="pre")
+            # thin structures may vanish when averaged with empty voxels
+            if not len(fewer):
+                break
+            volume, splats, halvings = joint, fewer, halvings + 1
+        note = f"voxels joined {2**halvings}×{2**halvings}×{2**halvings}" if halvings else ""
+
+        def build(threshold: float, coarse: int, post: str) -> Splats:
+            part, least, how = volume, max(threshold, scene.threshold), "post" if post else "pre"
+            for _ in range(coarse):
+                part = halve_volume(part, bool(transfer.labels))
+            return extract(part, transfer, least, classification=how, kernel=post)
+
+        name = Path(source).name.split(".")[0]
+        return cls(name, camera, scene.settings, build, note, (volume, transfer), formula)
+
+    def splats(self, threshold: float = 0.0, coarse: int = 0, post: str = "") -> Splats:
+        """Splats above a threshold, of voxels downsampled `coarse` times; cached.
+
+        post: kernel for classification after reconstruction, "" for before. Raises InputError as `extract`.
+        """
+        key = (threshold, coarse, post)
+        if key not in self.cache:
+            started = time.perf_counter()
+            splats = self.build(threshold, coarse, post)
+            seconds = time.perf_counter() - started
+            # a threshold that removes nothing changes nothing
+            same = threshold > 0 and len(splats) == len(self.splats(0.0, coarse))
+            self.cache[key] = self.splats(0.0, coarse) if same else splats
+            self.seconds.setdefault(id(self.cache[key]), seconds)
+        return self.cache[key]
+
+    @property
+    def no_field(self) -> str:
+        """Reason why the scene has no field classified by value; empty if it has one."""
+        if self.settings.blend != "composite":
+            return str(expected("field", "blend composite", self.settings.blend))
+        return self.only_pre
+
+    @property
+    def only_pre(self) -> str:
+        """Reason why values cannot be classified after reconstruction; empty if they can."""
+        try:
+            if self.content is None:
+                raise expected("field", "a volume", "splats alone")
+            self.splats(post=POST_KERNEL)
+        except InputError as error:
+            return str(error)
+        return ""
+
+    def inputs(self, method: Method) -> tuple[Splats, Settings]:
+        """Splats and settings of a method. Raises InputError if the scene does not allow it."""
+        settings = method.settings(self.settings, depth_range(self.splats(), self.camera))
+        why = self.only_pre if settings.classification == "auto" else None
+        kernel = extraction_kind(settings, moving=False, why=why, voxels=0)[1]
+        return self.splats(method.threshold, method.coarse, kernel), settings
+
+
+def _fit_size(size: tuple[int, int], longest: int) -> tuple[int, int]:
+    """The size scaled to `longest` pixels on its longer side."""
+    scale = longest / max(size)
+    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
+
+
+# settings of all splat truths, and of the reference alone
+OPTICS = ("blend", "kernel", "shading", "background")
+FILTERS = ("antialias", "samples", "attenuation")
+# settings of the field, which has its own kernel
+FIELD = ("blend", "shading", "background")
+# tolerance of the sampled truth: nothing is omitted
+TIGHT = 1e-9
+
+
+class Truths:
+    """Truths of one scene, each drawn once."""
+
+    def __init__(self, renderer: Renderer, subject: Subject, level: Level) -> None:
+        self.renderer, self.subject, self.level = renderer, subject, level
+        self.cache: dict[tuple[str, Settings], np.ndarray] = {}
+
+    def get(self, truth: str, settings: Settings) -> Image:
+        """Truth of an image with those settings, float64 [H, W, 4].
+
+        Raises InputError if there is none, or if it would take too long.
+        """
+        key = truth, self._settings(truth, settings)
+        if key not in self.cache:
+            self.cache[key] = self._draw(*key)
+        return Image(self.cache[key], {"blend": settings.blend})
+
+    def _settings(self, truth: str, settings: Settings) -> Settings:
+        """Settings on which the truth depends. Raises InputError as `get`."""
+        if truth not in TRUTHS:
+            raise expected("truth", " or ".join(TRUTHS), repr(truth))
+        names = FIELD if truth == "field" else OPTICS + (FILTERS if truth == "reference" else ())
+        values: dict[str, Any] = {name: getattr(settings, name) for name in names}
+        if settings.mixes_display:
+            if truth != "reference":
+                raise expected(f"truth {truth}", "a picture that mixes linear light", "one of display values")
+            values["target"] = settings.target
+        if truth == "reference":
+            if settings.antialias != "supersample":
+                values["samples"] = 1
+            if settings.antialias == "auto":
+                values["tolerance"] = settings.tolerance
+            width, height = self.subject.camera.size
+            samples, most = width * height * values["samples"] ** 2, self.level.most
+            if samples > most:
+                fix = "more would take too long: use --full or a smaller --size"
+                raise expected("float64 reference", f"at most {most:,} samples at this level", f"{samples:,}", fix)
+        elif truth in ("integral", "field") and settings.blend != "composite":
+            raise expected("ray integral", "blend composite", settings.blend)
+        elif truth == "field" and self.subject.no_field:
+            raise InputError(self.subject.no_field)
+        return Settings.like("0.1", **values)
+
+    def _draw(self, truth: str, settings: Settings) -> np.ndarray:
+        if truth == "field":
+            return self._field(settings)
+        splats, camera = self.subject.splats(), self.subject.camera
+        if truth == "reference":
+            return reference.render(splats, camera, settings).pixels
+        if truth == "sampled":
+            return self._sampled(settings, self.level.samples)
+        # splatting's own error varies less than the image: measured at fewer samples and added
+        rays = self.level.rays
+        integral = ray_integral(splats, camera, settings, self.level.steps, rays).pixels
+        sampled = self.get("sampled", settings).pixels
+        return np.asarray(sampled + integral - self._sampled(settings, rays))
+
+    def _field(self, settings: Settings) -> np.ndarray:
+        """The field of the scene's formula, else of its samples."""
+        assert self.subject.content is not None
+        volume, transfer = self.subject.content
+        if settings.shading != "auto":
+            transfer = replace(transfer, shading=settings.shading == "on")
+        (width, height), rays = self.subject.camera.size, self.level.rays
+        fine = self.subject.camera.resized((width * rays, height * rays))
+        field: Field | str = POST_KERNEL
+        if (formula := self.subject.formula) is not None:
+            world, origin = volume.world_from_index, np.asarray(volume.origin)[:, None]
+
+            def field(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+                return formula(world @ places + origin)
+
+        drawn = field_integral(volume, transfer, fine, field, self.level.steps)
+        pixels = pixel_means(drawn.pixels, rays)
+        if settings.ground is None:
+            return pixels
+        return np.asarray(pixels + (1 - pixels[..., 3:]) * np.array([*settings.ground, 1.0]))
+
+    def _sampled(self, settings: Settings, samples: int) -> np.ndarray:
+        exact = settings.but(
+            antialias="supersample" if samples > 1 else "off",
+            samples=samples,
+            align="exact",
+            tolerance=TIGHT,
+            occlusion="off",
+        )
+        return self.renderer.render(self.subject.splats(), self.subject.camera, exact).pixels.astype(np.float64)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds per frame of all rounds, float64 [N]."""
+
+    rounds: tuple[float, ...]
+
+    @property
+    def median(self) -> float:
+        """The median of all rounds."""
+        return statistics.median(self.rounds)
+
+    def over(self, other: Timing) -> Timing:
+        """Ratio to the other's time, by round: load on the machine slows both in the same round."""
+        return Timing(tuple(mine / theirs for mine, theirs in zip(self.rounds, other.rounds, strict=False)))
+
+
+@dataclass(frozen=True)
+class Point:
+    """A method in the diagram of error against time."""
+
+    name: str
+    error: float
+    time: Timing
+
+
+def front(points: Sequence[Point]) -> list[Point]:
+    """Pareto front, fastest first: points that are more accurate than all that are as fast or faster."""
+    found: list[Point] = []
+    for point in sorted(points, key=lambda p: (p.time.median, p.error)):
+        if not found or point.error < found[-1].error:
+            found.append(point)
+    return found
+
+
+@dataclass
 class Row:
-    """One method on one scene. timing: None if not timed. errors: by truth and name."""
+    """One method on one scene. same_as: method of an equal picture. omitted: why it was not drawn. missing: why it has
+    no error, by truth. errors: by truth and name, as of `errors`. bound: on the error of drawing. extraction: seconds.
+    """
 
     method: str
-    axis: str
-    same_as: str
-    omitted: str
-    timing: Timing | None
-    errors: dict[str, dict[str, float | None]] = field(default_factory=dict)
+    same_as: str = ""
+    omitted: str = ""
+    timing: Timing | None = None
+    errors: dict[str, dict[str, float]] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
     bound: float | None = None
     tolerance: float | None = None
     splats: int = 0
-    extraction: float | None = None
+    extraction: float = 0.0
 
     def error(self, truth: str, name: str = "rmse") -> float | None:
         """Error of that name against that truth; None if not measured."""
@@ -76,134 +328,55 @@ class Row:
 
 @dataclass(frozen=True)
 class SceneResults:
-    """Rows of a scene, in the order of the registry. about: the scene's record in the store."""
+    """Rows of a scene, in the order of the registry."""
 
-    name: str
-    about: dict[str, Any]
-    rows: tuple[Row, ...]
+    subject: Subject
+    rows: list[Row] = field(default_factory=list)
 
     def row(self, method: str) -> Row | None:
         """Row of a method; None if there is none."""
         return next((row for row in self.rows if row.method == method), None)
 
-    def timing(self, method: str) -> Timing | None:
-        """Time of a method; None if not timed."""
+    def point(self, method: str, truth: str) -> Point | None:
+        """Error and time of a method; None if not measured."""
         row = self.row(method)
-        return row.timing if row else None
-
-    def error(self, method: str, truth: str) -> float | None:
-        """RMSE of a method against that truth; None if not measured."""
-        row = self.row(method)
-        return row.error(truth) if row else None
+        error = row.error(truth) if row else None
+        return Point(method, error, row.timing) if row and row.timing and error is not None else None
 
     def points(self, truth: str) -> list[Point]:
         """Methods with time and finite error, without those whose image is the same as another's."""
-        return [
-            Point(row.method, error, row.timing)
-            for row in self.rows
-            if (error := row.error(truth)) is not None and row.timing and not row.same_as and math.isfinite(error)
-        ]
+        found = (self.point(row.method, truth) for row in self.rows if not row.same_as)
+        return [point for point in found if point is not None and np.isfinite(point.error)]
+
+    def rivals(self, truth: str) -> list[Point]:
+        """Points that compete for the front of that truth."""
+        return [point for point in self.points(truth) if axis_of(point.name).competes(truth)]
 
     @property
     def truths(self) -> list[str]:
         """Truths with errors of any method."""
         return [truth for truth in TRUTHS if any(truth in row.errors for row in self.rows)]
 
-
-@dataclass(frozen=True)
-class Results:
-    """All results: values of the head, scenes, and records of convergence."""
-
-    head: dict[str, Any]
-    scenes: tuple[SceneResults, ...]
-    convergence: tuple[dict[str, Any], ...]
-
-    @classmethod
-    def of(cls, store: Store) -> Results:
-        """Results of a store."""
-        scenes = tuple(_scene(store, line) for line in store.of("scene"))
-        return cls(store.of("head")[0], scenes, tuple(store.of("convergence")))
-
     @property
-    def flip(self) -> bool:
-        """Whether FLIP was measured."""
-        return any(row.error("sampled", "flip") is not None for scene in self.scenes for row in scene.rows)
+    def deciding_truth(self) -> str:
+        """The truth that includes most errors, of those that the default is measured against; "" for none."""
+        return next((truth for truth in reversed(self.truths) if self.point(DEFAULT, truth) is not None), "")
 
 
-def _scene(store: Store, about: dict[str, Any]) -> SceneResults:
-    name, rows = about["scene"], []
-    for line in store.of("picture", scene=name):
-        # identical images share their timing
-        times = store.of("time", scene=name, method=line["same_as"] or line["method"])
-        timing = Timing.of({time["round"]: time["seconds"] for time in times}) if times else None
-        values = {column.name: line[column.name] for column in fields(Row) if column.name in line}
-        rows.append(Row(timing=timing, **values))
-    return SceneResults(name, about, tuple(rows))
+def errors(image: Image, truth: Image) -> dict[str, float]:
+    """Errors of `image` against `truth`, both [H, W, 4], by name. Raises InputError as `compare`.
 
-
-NAME = "runs.jsonl"
-# kinds of records, and their keys
-KINDS: dict[str, set[str]] = {
-    "head": set(),
-    "scene": {"scene", "mark", "splats", "size", "note"},
-    "picture": {"scene", "axis", "method", "same_as", "omitted"},
-    "time": {"scene", "method", "round", "seconds"},
-    "convergence": {"study", "unit", "expected", "floor", "values", "errors", "orders"},
-}
-
-
-class Store:
-    """Records of a report, appended to a JSON Lines file. lines: all records in order."""
-
-    def __init__(self, path: Path, head: Mapping[str, Any], resume: bool = False) -> None:
-        """Starts or resumes a store. Raises InputError to resume another report."""
-        self.path = path
-        self.lines: list[dict[str, Any]] = list(_read(path)) if resume and path.exists() else []
-        for name, value in {"kind": "head", **head}.items() if self.lines else ():
-            old = self.lines[0].get(name)
-            if old != value:
-                fix = "leave out --resume to begin anew"
-                raise expected(f"{path} --resume", f"{name} {value!r}", repr(old), fix)
-        # without a truncated line
-        self._write("w", self.lines)
-        if not self.lines:
-            self.add("head", **head)
-
-    def add(self, kind: str, **values: Any) -> dict[str, Any]:
-        """Writes a record, and returns it."""
-        line = {"kind": kind, **values}
-        self.lines.append(line)
-        self._write("a", [line])
-        return line
-
-    def _write(self, mode: str, lines: Sequence[Mapping[str, Any]]) -> None:
-        try:
-            with self.path.open(mode, encoding="utf-8") as file:
-                file.writelines(f"{json.dumps(line, ensure_ascii=False)}\n" for line in lines)
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be written: {error.strerror or error}") from error
-
-    def of(self, kind: str, **values: Any) -> list[dict[str, Any]]:
-        """Records of that kind with those values."""
-        return [
-            line
-            for line in self.lines
-            if line["kind"] == kind and all(line.get(name) == value for name, value in values.items())
-        ]
-
-
-def _read(path: Path) -> Iterator[dict[str, Any]]:
-    """Complete records of a file. Raises InputError if it is not a report."""
-    for number, text in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
-        try:
-            line = json.loads(text)
-        except ValueError:
-            # only the last line can be truncated
-            return
-        kind = line.get("kind") if isinstance(line, dict) else None
-        if kind not in KINDS or not line.keys() >= KINDS[kind] or (number == 1) != (kind == "head"):
-            raise expected(f"{path} line {number}", "a line of a report", text[:60], "leave out --resume to begin anew")
-        yield line
+    rmse: of the differences, over the root mean square of the truth. maximum: of any channel, relative to an X-ray's
+    peak. share_over: of pixels off by more than 1/255. energy: (Σ − Σ_truth)/Σ_truth over all channels.
+    """
+    comparison, right = compare(image, truth), np.asarray(truth.pixels, np.float64)
+    scale = float(np.sqrt((right * right).mean()))
+    return {
+        "rmse": comparison.rmse / scale if scale else comparison.rmse,
+        "maximum": comparison.maximum / comparison.peak,
+        "share_over": comparison.share_over,
+        "energy": comparison.sum_error,
+    }
 
 
 # seed of the random order, fixed for all runs
@@ -212,125 +385,70 @@ SEED = 1998
 LONGEST, LEAST_ROUNDS = 20.0, 3
 # a turn has as many frames as fit into TURN seconds, from 1 to FRAMES
 TURN, FRAMES = 0.04, 5
-# FLIP is measured against this truth
-FLIP_TRUTH = "sampled"
-# recorded properties of a rendering
-DRAWN = ("align", "antialias", "footprint", "samples", "attenuation", "target")
-
-# progress callback, called once per step
-Tick = Callable[[str], None]
-
-
-def select_methods(level: Level, only: tuple[str, ...] = (), peers: bool = False) -> list[Method]:
-    """Methods of a report at a level. only: names of methods or axes, all if empty; peers: with VTK."""
-    known = [method for method in methods().values() if method.quick or level.all_methods or only]
-    named = [m for m in known if not only or m.name in only or axis_of(m.name).name in only]
-    return [m for m in known if (m.peer and peers) or (m in named and (not m.peer or only))]
 
 
 class Sweep:
-    """Records images and times of a scene in a store. flip: whether FLIP is measured."""
+    """Draws, compares and times methods on a scene. results: what is measured so far."""
 
-    def __init__(self, renderer: Renderer, subject: Subject, truths: Truths, store: Store, flip: bool) -> None:
-        self.renderer, self.subject, self.truths, self.store, self.flip = renderer, subject, truths, store, flip
+    def __init__(self, truths: Truths) -> None:
+        self.truths, self.subject, self.renderer = truths, truths.subject, truths.renderer
+        self.results = SceneResults(self.subject)
         self.plans: dict[tuple[Hashable, int], str] = {}
-        self.peers: dict[str, Peer] = {}
 
-    def pictures(self, requested: list[Method], tick: Tick) -> None:
+    def pictures(self, requested: Sequence[Method], tick: Tick) -> None:
         """Draws each method once, and measures its errors."""
         for method in requested:
             tick(f"{self.subject.name}: {method.name}")
-            done = self.store.of("picture", scene=self.subject.name, method=method.name)
-            if done and not (done[0]["same_as"] or done[0]["omitted"] or method.peer):
-                # already drawn: other methods may turn out to be identical
-                splats, settings = self.subject.inputs(method)
-                plan = self.renderer.plan(splats, self.subject.camera, settings)
-                self.plans.setdefault((plan.key, id(splats)), method.name)
-            if not done:
-                line = {"axis": axis_of(method.name).name, "method": method.name, "same_as": "", "omitted": ""}
-                try:
-                    line |= self._peer_picture(method) if method.peer else self._picture(method)
-                except InputError as error:
-                    line["omitted"] = str(error)
-                self.store.add("picture", scene=self.subject.name, **line)
+            row = Row(method.name)
+            try:
+                self._picture(method, row)
+            except InputError as error:
+                row.omitted = str(error)
+            self.results.rows.append(row)
 
-    def _picture(self, method: Method) -> dict[str, Any]:
-        """Record of a method. Raises InputError if the scene does not allow it."""
+    def _picture(self, method: Method, row: Row) -> None:
+        """Fills the row of a method. Raises InputError if the scene does not allow it."""
         splats, settings = self.subject.inputs(method)
         plan = self.renderer.plan(splats, self.subject.camera, settings)
         if not len(splats):
             raise InputError("no splat is left")
         # equal plans give equal images
         first = self.plans.setdefault((plan.key, id(splats)), method.name)
+        row.same_as = "" if first == method.name else first
         image = self.renderer.render(splats, self.subject.camera, settings)
-        return {
-            "same_as": "" if first == method.name else first,
-            "splats": len(splats),
-            "extraction": round(self.subject.seconds[id(splats)], 6),
-            "tolerance": settings.tolerance,
-            "bound": image.info["error_bound"],
-            "drawn": {name: image.info[name] for name in DRAWN} | {"technique": plan.program.technique},
-            **self._measure(image, settings, method),
-        }
-
-    def _peer_picture(self, method: Method) -> dict[str, Any]:
-        """Record of a method of a peer. Raises InputError if the peer cannot draw the scene."""
-        return self._measure(self._peer(method).frame()[0], self.subject.settings, method)
-
-    def _peer(self, method: Method) -> Peer:
-        if method.name not in self.peers:
-            if self.subject.content is None:
-                raise expected("peers", "a volume", "splats alone")
-            settings = self.subject.settings.but(**method.changes)
-            self.peers[method.name] = Peer(method.peer, self.subject.content, self.subject.camera, settings)
-        return self.peers[method.name]
-
-    def close(self) -> None:
-        """Ends the peers' processes."""
-        for peer in self.peers.values():
-            peer.close()
-        self.peers.clear()
-
-    def _measure(self, image: Image, settings: Settings, method: Method) -> dict[str, Any]:
-        """Errors against the method's truths, and reasons for missing ones."""
-        measured, missing = {}, {}
+        row.splats, row.extraction = len(splats), self.subject.seconds[id(splats)]
+        row.bound, row.tolerance = image.info["error_bound"], settings.tolerance  # type: ignore[assignment]
         for truth in axis_of(method.name).measured:
-            # a missing field is recorded with the scene
+            # the scene says that it has no field
             if truth == "field" and self.subject.no_field:
                 continue
             # an image classified after reconstruction has no truth of splats
             if truth != "field" and image.info.get("classification") == "post":
                 continue
             try:
-                flip = self.flip and truth == FLIP_TRUTH
-                measured[truth] = errors(image, self.truths.get(truth, settings), flip)
+                row.errors[truth] = errors(image, self.truths.get(truth, settings))
             except InputError as error:
-                missing[truth] = str(error)
-        return {"errors": measured, "missing": missing}
+                row.missing[truth] = str(error)
 
-    def times(self, requested: list[Method], rounds: int, tick: Tick) -> None:
-        """Times every method with a distinct image once per round, in random order.
+    def times(self, rounds: int, tick: Tick) -> None:
+        """Times every method with a distinct image once per round, in random order, of a turn after a warm-up frame.
 
         Load on the machine thus affects all methods alike, and they can be compared round by round.
         """
-        named = {method.name: method for method in requested}
-        distinct = [
-            line["method"]
-            for line in self.store.of("picture", scene=self.subject.name, same_as="", omitted="")
-            if line["method"] in named
-        ]
-        done = self.store.of("time", scene=self.subject.name)
-        spent = {name: sum(line["seconds"] for line in done if line["method"] == name) for name in distinct}
-        finished = {(line["method"], line["round"]) for line in done}
+        named = methods()
+        drawn = [row.method for row in self.results.rows if not row.same_as and not row.omitted]
+        distinct: dict[str, list[float]] = {name: [] for name in drawn}
         shuffled = random.Random(SEED)
-        for turn in range(rounds):
-            for name in shuffled.sample(distinct, len(distinct)):
-                tick(f"{self.subject.name}: timing")
-                if (name, turn) in finished or (spent[name] > LONGEST and turn >= LEAST_ROUNDS):
-                    continue
-                seconds = self.turn(named[name])
-                spent[name] += seconds
-                self.store.add("time", scene=self.subject.name, method=name, round=turn, seconds=round(seconds, 6))
+        try:
+            for turn in range(rounds):
+                for name in shuffled.sample(drawn, len(drawn)):
+                    tick(f"{self.subject.name}: timing")
+                    if sum(distinct[name]) <= LONGEST or turn < LEAST_ROUNDS:
+                        distinct[name].append(self.turn(named[name]))
+        finally:
+            for row in self.results.rows:
+                seconds = distinct.get(row.same_as or row.method)
+                row.timing = Timing(tuple(seconds)) if seconds else None
 
     def turn(self, method: Method) -> float:
         """Seconds per frame after a warm-up frame: median of a turn."""
@@ -342,64 +460,7 @@ class Sweep:
 
     def frame(self, method: Method) -> float:
         """Seconds of a frame with its pixels read back."""
-        if method.peer:
-            return self._peer(method).frame()[1]
         splats, settings = self.subject.inputs(method)
         started = time.perf_counter()
         self.renderer.render(splats, self.subject.camera, settings, verify_bound=False)
         return time.perf_counter() - started
-
-
-@dataclass(frozen=True)
-class Task:
-    """Task of a report. only: names of methods or axes, all if empty. peers: with VTK. flip: with FLIP."""
-
-    level: Level
-    only: tuple[str, ...] = ()
-    peers: bool = False
-    flip: bool = False
-    folder: Path | None = None
-
-    @property
-    def methods(self) -> list[Method]:
-        """Methods of the report."""
-        return select_methods(self.level, self.only, self.peers)
-
-    def steps(self, scenes: int) -> int:
-        """Number of progress steps of `run_task`."""
-        return scenes * len(self.methods) * (1 + self.level.rounds) + len(STUDIES)
-
-
-def truths_of(truths: Truths, task: Task) -> list[Request]:
-    """Distinct truths of a scene that a report needs."""
-    subject, requests = truths.subject, dict[str, Request]()
-    for method in task.methods:
-        for kind in axis_of(method.name).measured:
-            # a missing truth is recorded when the method is measured
-            with suppress(InputError):
-                settings = subject.settings if method.peer else subject.inputs(method)[1]
-                request = truths.request(kind, settings)
-                requests.setdefault(request[0], request)
-    return list(requests.values())
-
-
-def run_task(renderer: Renderer, subjects: Sequence[Subject], task: Task, store: Store, tick: Tick) -> None:
-    """Measures everything that is not in the store."""
-    for subject in subjects:
-        known = store.of("scene", scene=subject.name)
-        if known and known[0]["mark"] != subject.mark():
-            raise expected(f"{subject.name} --resume", "the scene as it was", "another", "leave out --resume")
-        if not known:
-            splats = subject.splats()
-            about = {"splats": len(splats), "size": list(subject.camera.size), "note": subject.note}
-            about |= {"no_field": subject.no_field, "formula": subject.formula is not None}
-            store.add("scene", scene=subject.name, mark=subject.mark(), **about)
-        truths = Truths(renderer, subject, task.level, task.folder)
-        sweep = Sweep(renderer, subject, truths, store, task.flip)
-        with closing(sweep):
-            sweep.pictures(task.methods, tick)
-            sweep.times(task.methods, task.level.rounds, tick)
-    for study in STUDIES:
-        tick(f"convergence: {study.name}")
-        if not store.of("convergence", study=study.name):
-            store.add("convergence", **study.line(renderer, task.level))

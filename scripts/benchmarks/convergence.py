@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import argparse
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from splatgl import reference
 from splatgl.data.scenes import ball
+from splatgl.gl.renderer import Renderer
 from splatgl.reference.field import field_integral
 from splatgl.reference.ray_integral import ray_integral
 from splatgl.splat.camera import Camera
@@ -19,10 +21,7 @@ from splatgl.splat.extract import extract
 from splatgl.splat.settings import Footprint, Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
-from splatgl.studies.accuracy.ground_truth import Level
-
-if TYPE_CHECKING:
-    from splatgl.gl.renderer import Renderer
+from splatgl.studies.tables import Table
 
 # radius of a ball in world units, its distance, and the angle of view
 RADIUS, DISTANCE, FOV = 10.0, 40.0, 36.0
@@ -43,7 +42,7 @@ Pair = tuple[float, float]
 class Study:
     """A study. unit: of the varied value; expected: order of convergence; floor: limit of convergence.
 
-    pairs: from coarse to fine; the bool says whether to draw all values of --full.
+    pairs: from coarse to fine; the bool says whether to draw all values.
     """
 
     name: str
@@ -52,12 +51,12 @@ class Study:
     floor: str
     pairs: Callable[[Renderer, bool], Iterator[Pair]]
 
-    def line(self, renderer: Renderer, level: Level) -> dict[str, Any]:
-        """Record for the store."""
-        pairs = list(self.pairs(renderer, level.name == "full"))
-        about = {"study": self.name, "unit": self.unit, "expected": self.expected, "floor": self.floor}
-        values, errors = zip(*pairs, strict=True)
-        return {**about, "values": list(values), "errors": list(errors), "orders": orders(pairs)}
+    def table(self, renderer: Renderer, full: bool = False) -> Table:
+        """Value, error and order by refinement. full: with all values, however long they take."""
+        pairs = list(self.pairs(renderer, full))
+        rows = tuple((value, error, order) for (value, error), order in zip(pairs, orders(pairs), strict=True))
+        title = f"{self.name}: expected order {self.expected:g}; floor: {self.floor}"
+        return Table((self.unit, "relative RMSE", "order"), rows, title)
 
 
 def orders(pairs: list[Pair]) -> list[float | None]:
@@ -187,3 +186,19 @@ STUDIES = (
     # the end correction takes away the second order; the rims of footprints are not smooth enough for the fourth
     Study("samples a pixel", "samples an axis", 3, "float32 from 1e−6 on", samples),
 )
+
+
+def main() -> int:
+    """Prints a table for each study."""
+    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
+    parser.add_argument("--full", action="store_true", help="all values, however long they take")
+    full = parser.parse_args().full
+    with Renderer() as renderer:
+        for study in STUDIES:
+            table = study.table(renderer, full)
+            print(f"{table.title}\n{table.text()}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
