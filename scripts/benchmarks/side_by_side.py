@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from benchmarks.vtk_peers import Peer
 from PIL import Image as Pillow
 from PIL import ImageDraw, ImageFont
-from vtk_peers import Peer
 
 import splatgl as sg
 from splatgl.reference.field import field_integral
