@@ -6,13 +6,14 @@ import argparse
 from pathlib import Path
 from textwrap import fill
 
+from paper.claims import page
+from paper.figures import FIGURES, Figure
+from paper.figures.rendered import PICTURES, add_pictures, check_no_options, run_picture
+
 from splatgl import __version__
 from splatgl.errors import expected
 from splatgl.fileio import check_output, write_file
-from splatgl.studies.claims import page
-from splatgl.studies.figures import FIGURES, Figure
-from splatgl.studies.figures.rendered import PICTURES, add_pictures, check_no_options, run_picture
-from splatgl.studies.tables import PAGE
+from splatgl.report.tables import PAGE
 
 # figures whose text output is the claims based on them
 CLAIMED = (9, 10)

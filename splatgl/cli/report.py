@@ -16,13 +16,13 @@ from splatgl import __version__
 from splatgl.cli.options import add_backend
 from splatgl.errors import InputError, expected
 from splatgl.options import declared
+from splatgl.report.methods import AXES, add_kernel, methods
+from splatgl.report.sweep import LEVELS, Level, Subject, Sweep, Truths
 from splatgl.scene.draw import terminal_bar
 from splatgl.splat.settings import Settings
-from splatgl.studies.accuracy.methods import AXES, add_kernel, methods
-from splatgl.studies.accuracy.sweep import LEVELS, Level, Subject, Sweep, Truths
 
 if TYPE_CHECKING:
-    from splatgl.studies.accuracy.sweep import Tick
+    from splatgl.report.sweep import Tick
 
 
 # default sources
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     from splatgl.cli.doctor import machine
     from splatgl.gl.renderer import Renderer
     from splatgl.gl.target import check_size
-    from splatgl.studies.accuracy.page import publish, strip
+    from splatgl.report.page import publish, strip
 
     ended, scenes, strips, wanted = 0, [], {}, level.methods(args.only)
     with Renderer(args.backend, args.device, args.gpu) as renderer:

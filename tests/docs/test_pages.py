@@ -30,10 +30,10 @@ from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.cli.main import COMMANDS, _parser, main
 from splatgl.comparison.settings import Settings as ComparisonSettings
 from splatgl.readers import FORMATS
+from splatgl.report.methods import methods
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat import kernels
 from splatgl.splat.settings import Settings, choices
-from splatgl.studies.accuracy.methods import methods
 from splatgl.viewer import commands
 from splatgl.viewer.key_bindings import load_bindings
 from splatgl.writers import TARGETS
@@ -193,7 +193,7 @@ def test_other_programs_exist() -> None:
 # what the tests of these commands run, on less
 ELSEWHERE = {
     "view": "opens a window: tests/viewer/test_viewer.py, tests/viewer/test_window.py",
-    "report": "takes minutes: tests/studies/test_accuracy.py",
+    "report": "takes minutes: tests/report/test_report.py",
     "compare": "tests/cli/test_compare.py runs them on pictures that differ",
 }
 # what takes long: other tests run these commands on less

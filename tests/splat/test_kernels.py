@@ -15,8 +15,8 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.cli.main import main
+from splatgl.report.methods import AXES
 from splatgl.splat.kernels import KERNELS, PiecewiseCubic, footprint_table, has_negative, kernel, polynomials
-from splatgl.studies.accuracy.methods import AXES
 from tests.helpers.splatting import SPLATS
 
 pytestmark = pytest.mark.usefixtures("shared_programs")

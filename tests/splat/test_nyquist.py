@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from paper.figures.paper_setup import PAPER
 
 from splatgl.splat.footprint import ROWS, Splat
 from splatgl.splat.kernels import KERNELS, Kernel
-from splatgl.studies.figures.paper_setup import PAPER
 
 NYQUIST = 0.5
 # largest amplitude above ½ cycle per pixel, as a share of that at 0, and the share of energy there

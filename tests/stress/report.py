@@ -9,7 +9,7 @@ from textwrap import fill
 import numpy as np
 
 from splatgl.reference.ray_integral import ray_integral
-from splatgl.studies.tables import PAGE, Table
+from splatgl.report.tables import PAGE, Table
 from tests.stress import attenuation
 from tests.stress.case import (
     Bench,

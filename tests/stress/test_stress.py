@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.studies.accuracy import methods
+from splatgl.report import methods
 from tests.helpers.splatting import SPLATS
 from tests.stress import CASES, optics, run_case
 from tests.stress import case as bench

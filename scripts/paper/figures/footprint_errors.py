@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from paper.figures.paper_setup import PAPER, Stretched
 
+from splatgl.report.plots import BLACK, COLUMN, GRAY, LINES, RED, draw_isolines, sheet
+from splatgl.report.tables import Table
 from splatgl.splat.footprint import FORMS, ROWS, Splat, row1
 from splatgl.splat.kernels import Kernel
-from splatgl.studies.figures.paper_setup import PAPER, Stretched
-from splatgl.studies.plots import BLACK, COLUMN, GRAY, LINES, RED, draw_isolines, sheet
-from splatgl.studies.tables import Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,9 +16,9 @@ from splatgl.comparison.html_report import data_uri, heat_map, html_page, larges
 from splatgl.data.image import Image
 from splatgl.errors import InputError
 from splatgl.fileio import write_file
-from splatgl.studies.accuracy.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, PAPER_TABLE, TRUTHS, methods
-from splatgl.studies.accuracy.sweep import Level, Point, SceneResults, Timing, Truths, front
-from splatgl.studies.tables import Table
+from splatgl.report.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, PAPER_TABLE, TRUTHS, methods
+from splatgl.report.sweep import Level, Point, SceneResults, Timing, Truths, front
+from splatgl.report.tables import Table
 
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer
@@ -257,7 +257,7 @@ def page(
     truths = "; ".join(f"**{NAMES[truth]}**: against {about}" for truth, about in TRUTHS.items())
     how = HOW.format(rounds=level.rounds, rays=level.rays, steps=level.steps)
     parts += ["<h2>How it was measured</h2>", *(f"<p>{_bold(text)}</p>" for text in (f"{truths}.", how))]
-    css = files("splatgl.studies.accuracy").joinpath(STYLE).read_text(encoding="utf-8")
+    css = files("splatgl.report").joinpath(STYLE).read_text(encoding="utf-8")
     named = f"{title}: {', '.join(scene.subject.name for scene in scenes)}"
     return html_page(named, css, [*parts, registry().html(), "</main>"])
 
@@ -303,7 +303,7 @@ def publish(
 
 def _diagrams(scenes: Sequence[SceneResults], head: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
     """Diagrams as PNG and SVG by file name. Raises InputError without Matplotlib."""
-    from splatgl.studies.accuracy.diagram import picture
+    from splatgl.report.diagram import picture
 
     for scene in scenes:
         for suffix, data in picture(scene, head).items():

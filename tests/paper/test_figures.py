@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from paper.figures import FIGURES, footprint_errors, geometry, motion_blur
+from paper.figures.footprint_errors import ALL, DEPTHS, OFFSETS, SURFACE_ROWS, Plane, Space, Surfaces, maximum
+from paper.figures.paper_setup import PAPER, Setting
 
 from splatgl.cli.main import main
 from splatgl.errors import InputError
+from splatgl.report.plots import RESOLUTION, style
 from splatgl.splat.footprint import ROWS, Splat
 from splatgl.splat.kernels import Gaussian, register_kernel
-from splatgl.studies.figures import FIGURES, footprint_errors, geometry, motion_blur
-from splatgl.studies.figures.footprint_errors import ALL, DEPTHS, OFFSETS, SURFACE_ROWS, Plane, Space, Surfaces, maximum
-from splatgl.studies.figures.paper_setup import PAPER, Setting
-from splatgl.studies.plots import RESOLUTION, style
-from tests.helpers.figures import refused
+from tests.paper.helpers import refused
 
 STORED = json.loads((Path(__file__).parent / "fig10.json").read_text())
 

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-import splatgl as sg
-from splatgl.animation.camera_track import turning
-from splatgl.scene.view import ViewOptions
-from splatgl.studies.aliasing import (
+from paper.aliasing import (
     Reach,
     aliasing_energy,
     differing_before,
@@ -20,6 +16,10 @@ from splatgl.studies.aliasing import (
     share_beyond,
     strip,
 )
+
+import splatgl as sg
+from splatgl.animation.camera_track import turning
+from splatgl.scene.view import ViewOptions
 from tests.helpers.splatting import SPLATS
 
 XRAY = SPLATS.but(blend="xray")

@@ -7,14 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
-
-import splatgl as sg
-from splatgl.cli.main import main
-from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.view import ViewOptions
-from splatgl.studies.figures import rendered
-from splatgl.studies.figures.rendered import (
+from paper.figures import rendered
+from paper.figures.rendered import (
     GAP,
     INK,
     MARGIN,
@@ -27,8 +21,14 @@ from splatgl.studies.figures.rendered import (
     sheet,
     wrapped,
 )
-from tests.helpers.figures import refused
+from PIL import Image
+
+import splatgl as sg
+from splatgl.cli.main import main
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from tests.helpers.splatting import SPLATS
+from tests.paper.helpers import refused
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.studies.accuracy.methods import (
+from splatgl.report.methods import (
     AXES,
     DEFAULT,
     EXACT,
@@ -19,8 +19,8 @@ from splatgl.studies.accuracy.methods import (
     axis_of,
     methods,
 )
-from splatgl.studies.accuracy.sweep import Point, SceneResults, front
-from splatgl.studies.plots import BLACK, BLUE, GRAY, GREEN, ORANGE, RED, encode, places, sheet, style
+from splatgl.report.plots import BLACK, BLUE, GRAY, GREEN, ORANGE, RED, encode, places, sheet, style
+from splatgl.report.sweep import Point, SceneResults, front
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Plot

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from paper.figures.footprint_errors import ALL
+from paper.figures.paper_setup import PAPER
 
 from splatgl.cli.main import main
 from splatgl.splat.kernels import KERNELS
-from splatgl.studies.figures.footprint_errors import ALL
-from splatgl.studies.figures.paper_setup import PAPER
 
 Lines = dict[str, list[str]]
 

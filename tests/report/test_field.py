@@ -16,9 +16,9 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.data.scenes import FORMULAS
 from splatgl.reference.field import field_integral
-from splatgl.studies.accuracy.methods import axis_of, methods
-from splatgl.studies.accuracy.page import conclusion
-from splatgl.studies.accuracy.sweep import LEVELS, SceneResults, Subject, Sweep, Truths
+from splatgl.report.methods import axis_of, methods
+from splatgl.report.page import conclusion
+from splatgl.report.sweep import LEVELS, SceneResults, Subject, Sweep, Truths
 from tests.helpers.noise import close_up
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
@@ -132,7 +132,7 @@ def test_scenes_without_a_field(
 @pytest.mark.long
 def test_a_report_without_a_field(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A line says so, and methods classified after are left out."""
-    monkeypatch.setattr("splatgl.studies.accuracy.page._diagrams", lambda scenes, head: ())
+    monkeypatch.setattr("splatgl.report.page._diagrams", lambda scenes, head: ())
     asked = ["--quick", "--size", "32", "--rounds", "1", "--only", "exact", "post b-spline", "sheets 3", "--quiet"]
     assert main(["report", "letter-f", "balls", *asked, "-o", str(tmp_path)]) == 0
     text = (tmp_path / "report.html").read_text()

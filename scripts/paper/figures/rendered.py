@@ -13,27 +13,7 @@ from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from splatgl import __version__
-from splatgl.animation.camera_track import Turning, turning
-from splatgl.annotations.text import load_font
-from splatgl.data.color import srgb_from_linear
-from splatgl.data.image import Image
-from splatgl.data.volume import Volume
-from splatgl.errors import expected
-from splatgl.fileio import check_output, check_source, write_file
-from splatgl.options import Kind, declared
-from splatgl.scene.draw import DrawOptions
-from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.view import ViewOptions
-from splatgl.splat.camera import Camera
-from splatgl.splat.extract import extract
-from splatgl.splat.motion import Draw, Moments, count_moments, streaks
-from splatgl.splat.motion_blur import MOTIONS
-from splatgl.splat.resolve import blur_form
-from splatgl.splat.settings import FULL_SHUTTER, MAX_MOMENTS, Attenuation, Blend, Settings
-from splatgl.splat.splats import Splats
-from splatgl.studies.aliasing import (
+from paper.aliasing import (
     Reach,
     aliasing_energy,
     differing_before,
@@ -45,7 +25,27 @@ from splatgl.studies.aliasing import (
     share_beyond,
     strip,
 )
-from splatgl.studies.tables import PAGE, Table
+
+from splatgl import __version__
+from splatgl.animation.camera_track import Turning, turning
+from splatgl.annotations.text import load_font
+from splatgl.data.color import srgb_from_linear
+from splatgl.data.image import Image
+from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.fileio import check_output, check_source, write_file
+from splatgl.options import Kind, declared
+from splatgl.report.tables import PAGE, Table
+from splatgl.scene.draw import DrawOptions
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
+from splatgl.splat.camera import Camera
+from splatgl.splat.extract import extract
+from splatgl.splat.motion import Draw, Moments, count_moments, streaks
+from splatgl.splat.motion_blur import MOTIONS
+from splatgl.splat.resolve import blur_form
+from splatgl.splat.settings import FULL_SHUTTER, MAX_MOMENTS, Attenuation, Blend, Settings
+from splatgl.splat.splats import Splats
 
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer

@@ -14,9 +14,9 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.cli.report import list_methods
-from splatgl.studies.accuracy import methods
-from splatgl.studies.accuracy.page import as_csv, conclusion, page, registry
-from splatgl.studies.accuracy.sweep import LEVELS, Point, SceneResults, Subject, Sweep, Timing, Truths, errors, front
+from splatgl.report import methods
+from splatgl.report.page import as_csv, conclusion, page, registry
+from splatgl.report.sweep import LEVELS, Point, SceneResults, Subject, Sweep, Timing, Truths, errors, front
 from tests.helpers.splatting import SPLATS
 from tests.stress import CASES, run_case
 
@@ -102,7 +102,7 @@ def test_the_registry_holds_what_trades_accuracy_for_time() -> None:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """No diagrams, which take most of a small report's time."""
-    monkeypatch.setattr("splatgl.studies.accuracy.page._diagrams", lambda scenes, head: ())
+    monkeypatch.setattr("splatgl.report.page._diagrams", lambda scenes, head: ())
 
 
 @pytest.fixture

@@ -6,12 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from paper.figures.paper_setup import Stretched, straight_ahead
 
-from splatgl.splat.camera import Camera
-from splatgl.splat.footprint import ROWS, Splat, row1
-from splatgl.splat.kernels import kernel
-from splatgl.studies.figures.paper_setup import Stretched, straight_ahead
-from splatgl.studies.plots import (
+from splatgl.report.plots import (
     BLACK,
     BLUE,
     GRAY,
@@ -25,7 +22,10 @@ from splatgl.studies.plots import (
     plain,
     sheet,
 )
-from splatgl.studies.tables import Table
+from splatgl.report.tables import Table
+from splatgl.splat.camera import Camera
+from splatgl.splat.footprint import ROWS, Splat, row1
+from splatgl.splat.kernels import kernel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

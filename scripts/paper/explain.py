@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from paper.figures.footprint_errors import ALL, Form, Peak, Space, maximum
+from paper.figures.paper_setup import straight_ahead
 
 from splatgl.errors import expected
 from splatgl.options import declared
@@ -17,8 +19,6 @@ from splatgl.splat.footprint import Splat, half_line, row1
 from splatgl.splat.kernels import Kernel, kernel
 from splatgl.splat.resolve import PRE_KERNEL, voxel_kernel
 from splatgl.splat.settings import Settings
-from splatgl.studies.figures.footprint_errors import ALL, Form, Peak, Space, maximum
-from splatgl.studies.figures.paper_setup import straight_ahead
 
 WHAT = {
     "row1": "trapezoid, diverging rays: the right value",

@@ -12,10 +12,7 @@ from functools import lru_cache
 from textwrap import fill
 
 import numpy as np
-
-from splatgl.splat.footprint import Splat, switch_depth
-from splatgl.splat.kernels import Kernel, kernel
-from splatgl.studies.figures.footprint_errors import (
+from paper.figures.footprint_errors import (
     ALL,
     DEPTHS,
     OFFSETS,
@@ -28,8 +25,11 @@ from splatgl.studies.figures.footprint_errors import (
     plane_of,
     surfaces,
 )
-from splatgl.studies.figures.paper_setup import PAPER, Setting, Stretched
-from splatgl.studies.tables import PAGE
+from paper.figures.paper_setup import PAPER, Setting, Stretched
+
+from splatgl.report.tables import PAGE
+from splatgl.splat.footprint import Splat, switch_depth
+from splatgl.splat.kernels import Kernel, kernel
 
 # tolerances in levels for z_s
 TOLERANCES = (8.0, 4.0, 2.0, 1.0, 0.5)

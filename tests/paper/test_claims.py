@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paper.claims import TOLERANCES, Claim, claims, layer_sums, page
+from paper.figures.footprint_errors import ALL, surfaces
+from paper.figures.paper_setup import PAPER
 
 from splatgl.cli.main import main
 from splatgl.splat.footprint import Splat
 from splatgl.splat.kernels import KERNELS
-from splatgl.studies.claims import TOLERANCES, Claim, claims, layer_sums, page
-from splatgl.studies.figures.footprint_errors import ALL, surfaces
-from splatgl.studies.figures.paper_setup import PAPER
 
 # z_s/z_k at 30° for 8, 4, 2, 1 and 0.5 levels
 SWITCH = (1.231, 1.348, 1.448, 1.532, 1.600)

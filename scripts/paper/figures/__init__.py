@@ -6,9 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from splatgl.studies.figures import footprint_errors, geometry, motion_blur
-from splatgl.studies.plots import encode, style
-from splatgl.studies.tables import Table
+from paper.figures import footprint_errors, geometry, motion_blur
+
+from splatgl.report.plots import encode, style
+from splatgl.report.tables import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
