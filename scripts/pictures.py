@@ -20,6 +20,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from benchmarks.side_by_side import side_by_side
+from paper.__main__ import main as draw_figure
 from PIL import Image as Pillow
 
 import splatgl as sg
@@ -133,7 +134,7 @@ def antialiasing() -> None:
 
 def spinning() -> None:
     """Fig. 13: a rotating landscape."""
-    command(["figure", "13", "-o", str(FOLDER / "spinning.png")])
+    draw_figure(["13", "-o", str(FOLDER / "spinning.png")])
 
 
 def depth() -> None:

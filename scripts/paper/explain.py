@@ -1,4 +1,4 @@
-"""`splatgl explain-splat`: effect of antialiasing on one voxel, and the error of each splat form there."""
+"""`scripts/figure explain`: effect of antialiasing on one voxel, and the error of each splat form there."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ SPACE_RAYS = 41
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `splatgl explain-splat`."""
+    """Adds the options of `scripts/figure explain`."""
     # a position may start with a minus sign
     parser._negative_number_matcher = re.compile(r"^-\.?\d")
     parser.add_argument(

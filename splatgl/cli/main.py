@@ -151,7 +151,7 @@ def _run(arguments: list[str]) -> int:
         args, rest = parser.parse_known_args(arguments)
         if command is not None and rest:
             _refuse_rest(command, rest)
-        _refuse_empty(args)
+        refuse_empty(args)
         # a program that calls the command goes on with its own budget
         with within(getattr(args, "memory", None)):
             return int(args.run(args))
@@ -230,7 +230,7 @@ def _refuse_rest(command: argparse.ArgumentParser, rest: list[str]) -> NoReturn:
     command.error(f"expected {operands or 'no more'}, got also {' '.join(rest)}{preset or series}")
 
 
-def _refuse_empty(args: argparse.Namespace) -> None:
+def refuse_empty(args: argparse.Namespace) -> None:
     """InputError for an empty argument, such as an unset shell variable."""
     for name, value in vars(args).items():
         if value == "" or (isinstance(value, list) and "" in value):
@@ -280,6 +280,4 @@ COMMANDS = {
     "pick": Command("print the value and position under a pixel", "pick", "SOURCE X,Y"),
     "doctor": Command("describe and check the OpenGL of this machine", "info:add_doctor_parser"),
     "report": Command("measure error against run time of every method", "report", "[SOURCE…]"),
-    "figure": Command("draw a figure of the paper, or check its claims", "figure", "N"),
-    "explain-splat": Command("print the error of each form of splat for one voxel", "explain", "X,Y,Z"),
 }

@@ -175,7 +175,6 @@ def test_no_option_looks_like_a_number() -> None:
     for name in COMMANDS:
         parser = command(name)
         assert not parser._has_negative_number_optionals
-    assert _parser(["explain-splat"]).parse_args(["explain-splat", "-1,2,100"]) is not None
 
 
 # --- messages --------------------------------------------------------------------------------------------------------
@@ -256,7 +255,6 @@ def test_folders_are_made_with_the_file(here: Path) -> None:
     assert sg.Image.load("new/folder/a.png").pixels.shape == (8, 8, 4)
     assert main(["compare", "new/folder/a.png", "new/folder/a.png", "--diff", "c/d.png", "--report", "e/r.html"]) == 0
     assert Path("c/d.png").is_file() and Path("e/r.html").is_file()
-    assert main(["figure", "10", "--csv", "f/g/10.csv"]) == 0 and Path("f/g/10.csv").is_file()
     turn = ["animate", "noise.npy", "--size", "8", "--frames", "2", "--quiet"]
     assert main([*turn, "-o", "h/i/{frame}.png"]) == 0 and len(list(Path("h/i").iterdir())) == 2
     assert main([*turn, "-o", "j/turn.gif"]) == 0 and [p.name for p in Path("j").iterdir()] == ["turn.gif"]
@@ -271,7 +269,6 @@ def test_folders_are_made_with_the_file(here: Path) -> None:
         "animate none.npy -o new/{frame}.png",
         "animate none.npy -o new/a.gif",
         "pyramid none.npy -o new/p.zarr",
-        "figure 5 none.npy -o new/a.png",
         "compare none.png none.png --report new/a.html",
     ],
 )
@@ -300,8 +297,6 @@ def test_the_source_is_never_overwritten(here: Path, capsys: Said) -> None:
         "render s.toml -o height.png",
         "render noise.npy -o noise.npy",
         "render link.png --color height.png -o height.png",
-        "figure 12 height.png -o height.png",
-        "figure 12 height.csv --csv height.csv",
         "presets height.png -o height.png",
         "render 2.npy --layer noise.npy -o noise.npy",
         "render 2.npy --layer noise.npy --depth noise.npy -o a.png",

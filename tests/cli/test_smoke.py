@@ -28,7 +28,6 @@ COMMANDS = {
     "compare a.png b.png": [],
     "pick v.nrrd 16,16 --size 32": [],
     "presets v.nrrd -o presets.png --size 24": ["presets.png"],
-    "explain-splat 1,2,30": [],
 }
 QUICK = ("render v.nrrd -o v.png --size 32", "animate v.nrrd", "info h.h5", "compare", "convert")
 

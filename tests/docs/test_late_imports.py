@@ -42,8 +42,6 @@ CASES = {
     "compare missing.png missing.png": (*DRAWS, "splatgl.splat", "splatgl.comparison.html_report"),
     "report missing.nrrd": (*DRAWS, "splatgl.report.export"),
     "report --rounds 0": (*DRAWS, "splatgl.report.export"),
-    "figure 999": DRAWS,
-    "figure 5 missing.nrrd -o /dev/null/x.png": DRAWS,
     "doctor --device a": NUMBERS,
     "--help": NUMBERS,
 }

@@ -520,7 +520,7 @@ def known_options() -> frozenset[str]:
     known = set(re.findall(r'"(--splatgl[\w-]+)"', (ROOT / "splatgl" / "comparison" / "pytest_plugin.py").read_text()))
     scripts = "".join((ROOT / "scripts" / name).read_text() for name in ("test", "release"))
     known |= set(re.findall(r"(--all|--rehearsal)\b", scripts)) | {"--help"}
-    for script in ("scripts/gpu_check.py", "tests/stress/__main__.py"):
+    for script in ("scripts/gpu_check.py", "scripts/paper/__main__.py", "tests/stress/__main__.py"):
         known |= set(re.findall(r'"(--[a-z]+)"', (ROOT / script).read_text()))
     for name in COMMANDS:
         parser = _parser([name])

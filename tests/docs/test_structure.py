@@ -25,7 +25,7 @@ LEVELS = (
     ("distributed",),
     ("scene",),
     ("animation",),
-    ("integrations", "studies", "viewer"),
+    ("integrations", "report", "viewer"),
     ("cli",),
 )
 LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
@@ -53,9 +53,9 @@ SHORT_FILE = 80
 SHORT_FILES = {
     "__main__.py": "python -m splatgl",
     "cli/animate.py": "cli/main.py: COMMANDS",
-    "cli/figure.py": "cli/main.py: COMMANDS",
     "cli/info.py": "cli/main.py: COMMANDS",
     "cli/surface.py": "cli/main.py: COMMANDS",
+    "report/tables.py": "tables of scripts, too",
     "distributed/worker_preload.py": "Dask's option preload",
 }
 MAX_FUNCTION_LINES, MAX_PARAMETERS = 60, 7

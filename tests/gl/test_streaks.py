@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paper.__main__ import main as draw_figure
 
 import splatgl as sg
 from splatgl.cli.main import main
@@ -304,16 +305,16 @@ def test_figures_are_blurred(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    common = ["figure", "12", "letter-f", "--size", "24", "--spin", "60"]
+    common = ["12", "letter-f", "--size", "24", "--spin", "60"]
     for name, more in (
         ("a", ["--motion", "exact"]),
         ("b", ["--motion", "paper"]),
         ("c", ["--moments", "24"]),
         ("d", []),
     ):
-        assert main([*common, "-o", f"{name}.png", *more]) == 0
+        assert draw_figure([*common, "-o", f"{name}.png", *more]) == 0
     a, b, c, d = (sg.Image.load(f"{name}.png").pixels for name in "abcd")
     assert a.shape == b.shape == c.shape and 0 < 2 * rmse(d, c) < rmse(a, c) < rmse(b, c)
     capsys.readouterr()
-    assert main([*common, "--motion", "paper", "--moments", "2"]) == 2
+    assert draw_figure([*common, "--motion", "paper", "--moments", "2"]) == 2
     assert "one of --motion and --moments" in capsys.readouterr().err

@@ -1,18 +1,17 @@
-"""Refusals of `splatgl figure`."""
+"""Refusals of `scripts/figure`."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
-
-from splatgl.cli.main import main
+from paper.__main__ import main
 
 
 def refused(arguments: list[str], message: str, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """`splatgl figure` says so in one line, with exit code 2, and writes nothing."""
+    """`scripts/figure` says so in one line, with exit code 2, and writes nothing."""
     try:
-        code = main(["figure", *arguments])
+        code = main(arguments)
     except SystemExit as error:
         code = int(error.code or 0)
     said = capsys.readouterr().err.strip()

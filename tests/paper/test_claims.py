@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paper.__main__ import main
 from paper.claims import TOLERANCES, Claim, claims, layer_sums, page
 from paper.figures.footprint_errors import ALL, surfaces
 from paper.figures.paper_setup import PAPER
 
-from splatgl.cli.main import main
 from splatgl.splat.footprint import Splat
 from splatgl.splat.kernels import KERNELS
 
@@ -91,7 +91,7 @@ def weakened(share: float, splat: Splat) -> np.ndarray:
 @pytest.mark.long
 def test_verdicts_follow_the_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     """A row 4 without error would bear out what now does not hold."""
-    from splatgl.studies import claims as module
+    from paper import claims as module
 
     for name in ("row4", "row5"):
         monkeypatch.setitem(ALL, name, ALL["row1"])
@@ -126,7 +126,7 @@ def test_layers_of_grid_aligned_splats_lose_the_slant(angle: float) -> None:
 
 @pytest.mark.long
 def test_page_fits_a_terminal_and_says_what_fails(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["figure", "claims"]) == 0
+    assert main(["claims"]) == 0
     text = capsys.readouterr().out
     assert max(len(line) for line in text.splitlines()) <= 78
     assert text.count("DOES NOT HOLD:") == sum(not holds for _, holds in KNOWN.values())
@@ -149,7 +149,7 @@ def test_the_guides_table_is_the_papers_claims(found: dict[str, Claim]) -> None:
 
 @pytest.mark.long
 def test_figures_have_their_own_claims(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["figure", "9", "--text"]) == 0
+    assert main(["9", "--numbers"]) == 0
     text = capsys.readouterr().out
     assert "27.11" in text and "16.7 %" not in text
     assert "16.7 %" in page(10) and "27.11" not in page(10)

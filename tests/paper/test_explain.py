@@ -1,13 +1,13 @@
-"""`splatgl explain-splat` prints the right numbers, near the eye too."""
+"""`scripts/figure explain` prints the right numbers, near the eye too."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from paper.__main__ import main
 from paper.figures.footprint_errors import ALL
 from paper.figures.paper_setup import PAPER
 
-from splatgl.cli.main import main
 from splatgl.splat.kernels import KERNELS
 
 Lines = dict[str, list[str]]
@@ -15,7 +15,7 @@ Lines = dict[str, list[str]]
 
 def explain(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[str, Lines]:
     """The page, and its table by the form's name: worst, off, centre."""
-    assert main(["explain-splat", *arguments]) == 0
+    assert main(["explain", *arguments]) == 0
     text = capsys.readouterr().out
     assert max(len(line) for line in text.splitlines()) <= 78
     table = {line.split()[0]: line.split()[-3:] for line in text.splitlines() if line.split()[:1]}
@@ -79,6 +79,8 @@ def test_reaching_the_eyes_plane(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["1,2"], "expected 3 numbers"),
         (["1,2,nan"], "X,Y,Z: expected finite numbers"),
+        (["1e23,2,100"], "X,Y,Z: expected finite numbers"),
+        (["1,2,100", "--spacing", "1e-308"], "spacing: expected a positive length"),
         (["0,0,-2"], "X,Y,Z: expected a voxel in front of the eye"),
         (["1,2,3", "--size", "0"], "size: expected"),
         (["1,2,3", "--fov", "180"], "fov: expected"),
@@ -88,7 +90,7 @@ def test_reaching_the_eyes_plane(capsys: pytest.CaptureFixture[str]) -> None:
 )
 def test_bad_input_is_one_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     try:
-        code = main(["explain-splat", *arguments])
+        code = main(["explain", *arguments])
     except SystemExit as error:
         code = int(error.code or 0)
     said = capsys.readouterr().err.strip()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paper.__main__ import main
 from paper.figures import rendered
 from paper.figures.rendered import (
     GAP,
@@ -24,7 +25,6 @@ from paper.figures.rendered import (
 from PIL import Image
 
 import splatgl as sg
-from splatgl.cli.main import main
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from tests.helpers.splatting import SPLATS
@@ -81,7 +81,7 @@ def test_captions_are_whole(side: int) -> None:
 
 @pytest.mark.long
 def test_figure_5_is_the_tunnel_twice(here: Path, renderer: sg.Renderer, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["figure", "5", "-o", "f.png", "--size", "60"]) == 0
+    assert main(["5", "-o", "f.png", "--size", "60"]) == 0
     assert "Figure 5. A tunnel" in capsys.readouterr().out
     found = page()
     scene = SceneFile("tunnel", view=ViewOptions(size=(60, 60)))
@@ -106,7 +106,7 @@ def test_figures_by_the_hardware_path(
 ) -> None:
     """Panel (b) is the picture of `--paper` and `--kernel`, pixel for pixel; the caption says so."""
     asked = ["--size", "32", "--paper", "--kernel", "gaussian", *(["--moments", "0"] if number == "13" else [])]
-    assert main(["figure", number, "letter-f", "-o", "f.png", *asked]) == 0
+    assert main([number, "letter-f", "-o", "f.png", *asked]) == 0
     assert "kernel gaussian, by the hardware path of 1998." in " ".join(capsys.readouterr().out.split())
     figure = PICTURES[int(number)]
     scene = SceneFile("letter-f", view=ViewOptions(size=(32, 32)))
@@ -128,9 +128,9 @@ def test_numbers_of_another_kernel(renderer: sg.Renderer) -> None:
 
 @pytest.mark.usefixtures("brief")
 def test_figure_12_has_four_panels_of_the_users_volume(here: Path) -> None:
-    assert main(["figure", "12", "letter-f", "-o", "f.png", "--size", "40", "--moments", "5", "--spin", "120"]) == 0
+    assert main(["12", "letter-f", "-o", "f.png", "--size", "40", "--moments", "5", "--spin", "120"]) == 0
     four = page()
-    assert main(["figure", "12", "letter-f", "-o", "g.png", "--size", "40", "--moments", "0", "--spin", "120"]) == 0
+    assert main(["12", "letter-f", "-o", "g.png", "--size", "40", "--moments", "0", "--spin", "120"]) == 0
     two = page("g.png")
     assert four.shape[1] == two.shape[1] == 80 + GAP + 2 * MARGIN and four.shape[0] > 1.7 * two.shape[0]
     # the blurred ones are blurred: there is less contrast in them
@@ -149,7 +149,7 @@ def test_figures_blur_from_frame_to_frame_unless_a_shutter_says_otherwise(
     """The paper's streak runs from t−1 to t. Contrast falls with the exposure."""
     panels = []
     for shutter in ((), ("--shutter", "360"), ("--shutter", "45")):
-        command = ["figure", "12", "letter-f", "-o", "f.png", "--size", "32", "--moments", "8", "--spin", "60"]
+        command = ["12", "letter-f", "-o", "f.png", "--size", "32", "--moments", "8", "--spin", "60"]
         assert main([*command, *shutter]) == 0
         assert f"60° a frame, shutter {shutter[1] if shutter else 360}°" in " ".join(capsys.readouterr().out.split())
         panels.append(page()[-MARGIN - ROOM - 20 : -MARGIN - ROOM, MARGIN : MARGIN + 32].astype(float))
@@ -159,7 +159,7 @@ def test_figures_blur_from_frame_to_frame_unless_a_shutter_says_otherwise(
 
 @pytest.mark.usefixtures("brief")
 def test_figure_14_abuts_columns_of_blocks(here: Path, renderer: sg.Renderer) -> None:
-    assert main(["figure", "14", "letter-f", "-o", "f.png", "--size", "32", "--frames", "7", "--moments", "2"]) == 0
+    assert main(["14", "letter-f", "-o", "f.png", "--size", "32", "--frames", "7", "--moments", "2"]) == 0
     found = page()
     strip = found[MARGIN:, MARGIN : MARGIN + 35]
     height = found.shape[0] - 2 * MARGIN
@@ -176,18 +176,16 @@ def test_figure_14_abuts_columns_of_blocks(here: Path, renderer: sg.Renderer) ->
 
 @pytest.mark.long
 def test_numbers_of_still_figures(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["figure", "5", "letter-f", "--numbers", "--csv", "n.csv", "--size", "16"]) == 0
+    assert main(["5", "letter-f", "--numbers", "--size", "16"]) == 0
     said = capsys.readouterr().out
     for words in ("beyond z_k", "aliasing energy, antialiased (fill)", "gaussian", "mean squared error", "changes"):
         assert words in said
-    rows = Path("n.csv").read_text().splitlines()
-    assert rows[0] == "what,value,against standard" and len(rows) > 12
-    assert [p.name for p in here.iterdir()] == ["n.csv"]
+    assert "against standard" in said and len(said.splitlines()) > 12 and not list(here.iterdir())
 
 
 @pytest.mark.long
 def test_numbers_of_turning_figures(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["figure", "13", "letter-f", "--numbers", "--size", "12", "--moments", "2"]) == 0
+    assert main(["13", "letter-f", "--numbers", "--size", "12", "--moments", "2"]) == 0
     said = capsys.readouterr().out
     for words in ("at 1°: (a)", "at 1°: (d)", "at 5°: (c)", "longest path", "popping", "beyond z_k", "aliasing energy"):
         assert words in said

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from paper.__main__ import main as draw_figure
 from PIL import Image as Pillow
 
 import splatgl as sg
@@ -272,11 +273,11 @@ def test_the_option_imports_a_kernel(module: str, capsys: pytest.CaptureFixture[
         del AXES[axis]
 
 
-def test_studies_import_a_kernel(module: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["explain-splat", "10,5,600", "--kernel", f"{module}:smooth"]) == 0
+def test_figures_import_a_kernel(module: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert draw_figure(["explain", "10,5,600", "--kernel", f"{module}:smooth"]) == 0
     assert "kernel smooth-family, radius" in capsys.readouterr().out
-    picture = ["figure", "5", "letter-f", "-o", "a.png", "--size", "8"]
-    assert main([*picture, "--kernel", f"{module}:smooth"]) == 0
+    picture = ["5", "letter-f", "-o", "a.png", "--size", "8"]
+    assert draw_figure([*picture, "--kernel", f"{module}:smooth"]) == 0
     assert "kernel smooth-family" in " ".join(capsys.readouterr().out.split())
 
 

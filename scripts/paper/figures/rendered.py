@@ -194,29 +194,19 @@ def run_picture(args: argparse.Namespace) -> int:
     """Draws, writes or prints one rendered figure; returns 0."""
     figure = _with_options(PICTURES[int(args.number)], args)
     output = Path(args.output or f"figure{figure.number}.png")
-    drawn = bool(args.output) or not (args.csv or args.text)
-    scene = _scene(figure, args)
-    pictures, tables = [(output, ".png")] if drawn else [], [(Path(args.csv), ".csv")] if args.csv else []
-    for path, suffix in pictures + tables:
-        check_output(path, (suffix,))
-        check_source(path, args.source, *scene.files)
+    is_drawn, scene = bool(args.output) or not args.numbers, _scene(figure, args)
+    if is_drawn:
+        check_output(output, (".png",))
+        check_source(output, args.source, *scene.files)
     with DrawOptions().renderer() as renderer:
         shown = RenderedFigure(figure, scene, renderer.render, _blur(renderer, args, figure.shutter))
-        if drawn:
-            about = _about(figure, args, shown)
+        about = _about(figure, args, shown)
+        if is_drawn:
             write_file(output, encode_sheet(picture(shown), about, f"splatgl {__version__}"))
-            print(f"{output}:", fill(f"Figure {figure.number}. {about}", PAGE), sep="\n")
-        if args.csv or args.text:
-            table = metrics(shown)
-            if args.csv:
-                write_file(Path(args.csv), table.csv().encode())
-                print(f"{args.csv}: the numbers of figure {figure.number}")
-            if args.text:
-                print(
-                    fill(f"Figure {figure.number}. {_about(figure, args, shown)}", PAGE),
-                    table.text(),
-                    sep="\n\n",
-                )
+            print(f"{output}:")
+        print(fill(f"Figure {figure.number}. {about}", PAGE))
+        if args.numbers:
+            print(f"\n{metrics(shown).text()}")
     return 0
 
 
