@@ -42,6 +42,8 @@ PRACTICAL = {
     **{DEFAULT: ("D", BLACK), EXACT: ("s", BLACK)},
     **{PAPER: ("o", BLACK), PAPER_TABLE: ("o", GRAY), PAPER_FLOAT: ("o", "white")},
 }
+# range of times that is drawn: half of the rounds are within it
+QUARTILES = (0.25, 0.75)
 # minimum decades of an error axis
 DECADES = 2.0
 # dots per inch of a PNG: a screen's width for three panels
@@ -164,7 +166,7 @@ def _places(points: list[Point], least: float) -> tuple[np.ndarray, np.ndarray]:
 
 def _line(plot: Plot, points: list[Point], look: PlotStyle, least: float, connected: bool) -> Any:
     x, y = _places(points, least)
-    spread = np.abs(np.array([[1e3 * min(p.time.rounds), 1e3 * max(p.time.rounds)] for p in points]).T - x)
+    spread = np.abs(np.array([1e3 * np.quantile(p.time.rounds, QUARTILES) for p in points]).T - x)
     plot.errorbar(x, y, xerr=spread, fmt="none", ecolor=look.color, elinewidth=0.5, alpha=0.6, zorder=2)
     (drawn,) = plot.plot(
         x,
