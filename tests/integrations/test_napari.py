@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
-import sys
-import time
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,9 +12,8 @@ import pytest
 
 import splatgl as sg
 from splatgl import readers
-from splatgl.integrations.napari import draw, worker
+from splatgl.integrations.napari import panel
 from splatgl.integrations.napari import reader as reading
-from splatgl.integrations.napari.snapshot import Look, take
 from tests.helpers.phantom import F
 
 ROOT = Path(__file__).parents[2]
@@ -204,7 +197,7 @@ def test_the_camera_shows_x_to_the_right_and_y_down(perspective: float, ndisplay
         orientation=(depth, "down", "right"),
         view_direction=(1.0 if depth == "away" else -1.0, 0.0, 0.0),
     )
-    camera, mirrored = draw.camera_of(take(seen), BOX)
+    camera, mirrored = panel.camera_of(seen, BOX)
     assert camera.perspective == (perspective > 0 and ndisplay == 3) and camera.size == (64, 48)
     z = 1.0 if ndisplay == 3 else 0.0
     np.testing.assert_allclose(pixel_of(camera, (z, 2.0, 3.0), mirrored), (32, 24), atol=1e-9)
@@ -217,11 +210,11 @@ def test_the_camera_shows_x_to_the_right_and_y_down(perspective: float, ndisplay
 def test_the_order_of_the_axes_is_the_viewers() -> None:
     """Axes (z, y, x) shown as (y, z, x): y away, z down, x right."""
     seen = viewer(order=(1, 0, 2), center=(2.0, 1.0, 3.0))
-    camera, mirrored = draw.camera_of(take(seen), BOX)
+    camera, mirrored = panel.camera_of(seen, BOX)
     np.testing.assert_allclose(camera.forward, (0, 1, 0), atol=1e-12)
     np.testing.assert_allclose(pixel_of(camera, (6.0, 2.0, 4.0), mirrored), (34, 34), atol=1e-9)
     with pytest.raises(sg.InputError, match="view: expected the last three axes"):
-        draw.camera_of(take(viewer(ndim=4, order=(1, 0, 2, 3), point=(0.0,) * 4)), BOX)
+        panel.camera_of(viewer(ndim=4, order=(1, 0, 2, 3), point=(0.0,) * 4), BOX)
 
 
 def spots(*places: tuple[int, int, int]) -> np.ndarray:
@@ -236,24 +229,23 @@ def spots(*places: tuple[int, int, int]) -> np.ndarray:
 def test_a_picture_shows_a_voxel_where_napari_does(blend: str | None) -> None:
     """A voxel at z 1, y 2, x 9 of a grid scaled by (3, 2, 1.5) is right of the middle, and high."""
     layer = Image(spots((1, 2, 9)), (3, 2, 1.5))
-    image = draw.picture(viewer(layer, center=(0.0, 9.0, 8.25)), blend, size=None)
+    image = panel.picture(viewer(layer, center=(0.0, 9.0, 8.25)), blend, size=None)
     red = image.pixels[..., 0]
     rows, columns = np.indices(red.shape) + 0.5
     place = [float((axis * red).sum() / red.sum()) for axis in (columns, rows)]
     # 2 pixels per unit from the centre
     np.testing.assert_allclose(place, (32 + 2 * (13.5 - 8.25), 24 + 2 * (4 - 9)), atol=0.05)
     assert image.info["blend"] == (blend or "mip") and image.pixels[..., 1:3].max() == 0
-    assert draw.summary(image).startswith(f"64×48 pixels, {blend or 'mip'} of ")
 
 
 def test_a_maximum_has_the_layers_colours() -> None:
     """Half of the contrast limits is half of the map's sRGB; gamma and opacity change it."""
     data = np.full((8, 10, 12), 128, np.uint8)
     seen = viewer(Image(data, contrast_limits=(0.0, 256.0)), center=(4.0, 5.0, 6.0))
-    middle = draw.picture(seen).to_pil().getpixel((32, 24))
+    middle = panel.picture(seen).to_pil().getpixel((32, 24))
     assert abs(middle[0] - 128) <= 2 and middle[1] == 0
     seen.layers[0].gamma = 2.0
-    assert abs(draw.picture(seen).to_pil().getpixel((32, 24))[0] - 64) <= 2
+    assert abs(panel.picture(seen).to_pil().getpixel((32, 24))[0] - 64) <= 2
 
 
 def test_the_slider_picks_the_time() -> None:
@@ -261,7 +253,7 @@ def test_the_slider_picks_the_time() -> None:
     layer = Image(series, (2.0, 1, 1, 1))
     for point, there in ((2.0, True), (4.0, False)):
         seen = viewer(layer, center=(4.0, 5.0, 6.0), ndim=4, order=(0, 1, 2, 3), point=(point, 0.0, 0.0, 0.0))
-        assert (draw.picture(seen).pixels[..., 0].max() > 0.2) == there
+        assert (panel.picture(seen).pixels[..., 0].max() > 0.2) == there
 
 
 def shade_of(image: sg.Image, at: tuple[int, int] = (32, 24)) -> tuple[int, int, int]:
@@ -277,43 +269,6 @@ def block(value: int = 128) -> np.ndarray:
 MIDDLE = (4.0, 5.0, 6.0)
 
 
-def test_opacity_is_a_displays() -> None:
-    """0.4 of a layer is 0.4 of its brightness, as of any picture that a display mixes."""
-    full = Image(block(200), opacity=1.0)
-    assert abs(shade_of(draw.picture(viewer(full, center=MIDDLE)))[0] - 200) <= 2
-    full.opacity = 0.4
-    assert abs(shade_of(draw.picture(viewer(full, center=MIDDLE)))[0] - 80) <= 2
-
-
-GREEN = SimpleNamespace(name="green", map=lambda at: np.outer(at, [0, 1, 0]))
-BLENDINGS = {
-    "translucent": (72, 60, 0),
-    "translucent_no_depth": (72, 60, 0),
-    "additive": (120, 60, 0),
-    "minimum": (0, 0, 0),
-    "multiplicative": (0, 0, 0),
-    "opaque": (0, 150, 0),
-}
-
-
-@pytest.mark.parametrize("blending", BLENDINGS)
-@pytest.mark.parametrize("ndisplay", [2, 3])
-def test_layers_are_blended_as_napari_does(blending: str, ndisplay: int) -> None:
-    """Red at 0.6 of 200, and 0.4 of green at 150 over it."""
-    layers = Image(block(200), opacity=0.6), Image(block(150), opacity=0.4, blending=blending, colormap=GREEN)
-    image = draw.picture(viewer(*layers, center=MIDDLE, ndisplay=ndisplay, point=MIDDLE))
-    assert np.abs(np.subtract(shade_of(image), BLENDINGS[blending])).max() <= 2
-
-
-def test_a_maximum_leaves_out_what_is_below_its_limits() -> None:
-    """Where its largest value is at the low contrast limit, the layer below is seen as it is."""
-    below = Image(block(200))
-    above = Image(spots((4, 5, 11)), blending="translucent", colormap=GREEN)
-    image = draw.picture(viewer(below, above, center=MIDDLE))
-    assert abs(shade_of(image, (26, 24))[0] - 200) <= 2 and shade_of(image, (26, 24))[1] == 0
-    assert shade_of(image, (42, 24))[1] > 100
-
-
 def planes(*rows: tuple[tuple[float, ...], tuple[float, ...], bool]) -> list[SimpleNamespace]:
     return [SimpleNamespace(position=at, normal=normal, enabled=enabled) for at, normal, enabled in rows]
 
@@ -324,111 +279,11 @@ def test_clipping_planes_cut_a_layer() -> None:
     cut = planes(((0, 0, 12.0), (0, 0, 1), True), ((0, 0, 4.0), (0, 0, -1), False))
     layer = Image(block(), (1, 1, 2), experimental_clipping_planes=cut)
     seen = viewer(layer, center=(4.0, 5.0, 11.0))
-    red = draw.picture(seen).pixels[24, :, 0]
+    red = panel.picture(seen).pixels[24, :, 0]
     # from 12 − 1 to 23 world units, of two pixels
     assert np.flatnonzero(red > 0.1).tolist() == list(range(32, 56))
     other = Image(block(), (1, 1, 2))
-    assert (draw.picture(viewer(layer, other, center=MIDDLE)).pixels[24, 20, 0]) > 0.1, "the others stay whole"
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize(("thickness", "right"), [(1.0, 90), (4.0, 130)])
-def test_a_plane_shows_what_is_across_it(thickness: float, right: int) -> None:
-    """Values rise along z by 20: napari takes samples from half its thickness before the plane on."""
-    ramp = np.broadcast_to((np.arange(12) * 20)[:, None, None], (12, 10, 12)).astype(np.uint8)
-    plane = SimpleNamespace(position=(5.0, 5.0, 6.0), normal=(1, 0, 0), thickness=thickness)
-    image = draw.picture(viewer(Image(ramp, depiction="plane", plane=plane), center=MIDDLE))
-    # thickness 1: one sample, at 4.5; thickness 4: five, up to 6.5
-    assert abs(shade_of(image)[0] - right) <= 4
-    assert image.info["notes"] == ()
-
-
-@pytest.mark.long
-def test_iso_surfaces_stand_at_their_threshold() -> None:
-    """A ball of values 200 less 20 for each voxel from its middle: 100 is reached at a radius of 5."""
-    z, y, x = np.mgrid[:17, :17, :17] - 8.0
-    ball = (200 - 20 * np.sqrt(x * x + y * y + z * z)).clip(0).astype(np.float32)
-    for threshold in (100.0, 60.0):
-        layer = Image(ball, rendering="iso", iso_threshold=threshold)
-        image = draw.picture(viewer(layer, center=(8.0, 8.0, 8.0)))
-        radius = np.sqrt((image.pixels[..., 0] > 0.02).sum() / np.pi) / 2
-        assert radius == pytest.approx((200 - threshold) / 20, abs=0.25)
-
-
-def test_additive_rendering_multiplies_what_is_left() -> None:
-    """8 voxels of colour c: 1 less (1 − c)^(8 / 0.8), in each channel."""
-    colors = SimpleNamespace(name="two", map=lambda at: np.outer(at, [0.2, 0.1, 0.0]))
-    image = draw.picture(viewer(Image(block(255), rendering="additive", colormap=colors), center=MIDDLE))
-    right = [255 * (1 - (1 - c) ** 10) for c in (0.2, 0.1, 0.0)]
-    assert shade_of(image) == pytest.approx(right, abs=3)
-
-
-@pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 1, 0)])
-@pytest.mark.parametrize("vertical", ["down", "up"])
-def test_a_flat_view_shows_its_slice(order: tuple[int, int, int], vertical: str) -> None:
-    """Each pixel is the nearest voxel of the slice where the slider stands."""
-    data = np.random.default_rng(3).integers(0, 255, (8, 10, 12)).astype(np.uint8)
-    center, point = (0.0, 4.2, 5.1), np.zeros(3)
-    point[order[0]] = 3.4 * 2
-    flat = {"ndisplay": 2, "order": order, "point": tuple(point), "center": center}
-    layer = Image(data, (2, 2, 2))
-    image = draw.picture(viewer(layer, **flat, orientation=("away", vertical, "right")))
-    shown = np.moveaxis(data, order, (0, 1, 2))[3]
-    sign = 1 if vertical == "down" else -1
-    rows = (center[1] + sign * (np.arange(48) + 0.5 - 24) / 2) / 2
-    columns = (center[2] + (np.arange(64) + 0.5 - 32) / 2) / 2
-    right = np.zeros((48, 64))
-    for row, at in enumerate(np.floor(rows + 0.5).astype(int)):
-        for column, place in enumerate(np.floor(columns + 0.5).astype(int)):
-            if 0 <= at < shown.shape[0] and 0 <= place < shown.shape[1]:
-                right[row, column] = shown[at, place]
-    assert (np.abs(np.asarray(image.to_pil().convert("RGB"))[..., 0].astype(int) - right) <= 1).all()
-    assert draw.summary(image) == "64×48 pixels, slices"
-
-
-def test_a_flat_view_is_interpolated_and_ends() -> None:
-    steps = np.zeros((4, 4, 4), np.uint8)
-    steps[2, :, 2:] = 200
-    flat = {"ndisplay": 2, "point": (2.0, 0.0, 0.0), "center": (0.0, 1.5, 1.5), "zoom": 8.0}
-    red = np.asarray(draw.picture(viewer(Image(steps, interpolation2d="linear"), **flat)).to_pil())[24, :, 0]
-    assert abs(int(red[32]) - 100 - 200 / 16) <= 1 and red[15] == red[48] == 0 and red[47] == 200
-    outside = viewer(Image(steps), **{**flat, "point": (4.0, 0.0, 0.0)})
-    assert not draw.picture(outside).pixels[..., :3].any()
-
-
-def test_what_is_left_out_is_told() -> None:
-    points = type("Points", (), {"visible": True, "ndim": 3, "name": "spots"})()
-    hidden = type("Shapes", (), {"visible": False, "ndim": 3, "name": "lines"})()
-    colors = Image(np.zeros((8, 10, 12, 3), np.uint8), rgb=True, name="photo", ndim=3)
-    first = Image(block(), rendering="attenuated_mip", interpolation3d="nearest")
-    second = Image(block(), rendering="translucent", name="nuclei", bounding_box=SimpleNamespace(visible=True))
-    seen = viewer(points, hidden, colors, first, second, center=MIDDLE)
-    seen.scale_bar, seen.axes = SimpleNamespace(visible=True), SimpleNamespace(visible=False)
-    image = draw.picture(seen)
-    notes: Any = image.info["notes"]
-    assert notes == (
-        "not drawn: spots, a Points layer",
-        "not drawn: scale bar",
-        "cells: drawn between voxels, not by the nearest",
-        "not drawn: nuclei's bounding box",
-        "nuclei: its colour map is opaque, so that napari shows the faces of its box: drawn denser for larger values",
-        "layers that are not opaque surfaces are drawn over each other in their order, not by depth",
-    )
-    assert draw.summary(image).splitlines()[1:] == list(notes)
-    snapshot = take(viewer(Image(block()), center=MIDDLE))
-    assert draw.draw_snapshot(snapshot).info["notes"] == ()
-    # light is of surfaces
-    snapshot.look = replace(snapshot.look, light="flat")
-    (note,) = draw.draw_snapshot(snapshot).notes
-    assert note.startswith("light: no effect")
-
-
-def test_nothing_to_draw_is_told() -> None:
-    hidden = Image(spots(), visible=False)
-    with pytest.raises(sg.InputError, match="layers: expected a visible Image, Labels or other layer"):
-        draw.picture(viewer(hidden))
-    with pytest.raises(sg.InputError, match="blend: expected one of composite"):
-        draw.picture(viewer(Image(spots((1, 1, 1)))), "iso")
+    assert (panel.picture(viewer(layer, other, center=MIDDLE)).pixels[24, 20, 0]) > 0.1, "the others stay whole"
 
 
 def test_sliders_of_five_axes_pick_a_volume() -> None:
@@ -439,8 +294,8 @@ def test_sliders_of_five_axes_pick_a_volume() -> None:
     dims = {"center": MIDDLE, "ndim": 5, "order": (0, 1, 2, 3, 4)}
     for point, there in (((2.0, 2.0), True), ((2.0, 1.0), False), ((0.0, 2.0), False)):
         seen = viewer(layer, **dims, point=(*point, 0.0, 0.0, 0.0))
-        assert (draw.picture(seen).pixels[..., 0].max() > 0.2) == there
-        assert take(seen).layers[0].data.shape == (8, 10, 12)
+        assert (panel.picture(seen).pixels[..., 0].max() > 0.2) == there
+        assert panel.volume_of(layer, seen).shape == (8, 10, 12)
 
 
 def test_colours_are_as_dense_as_they_are_bright() -> None:
@@ -448,298 +303,98 @@ def test_colours_are_as_dense_as_they_are_bright() -> None:
     data[2:6, 3:7, 4:8] = (0, 200, 40)
     for rendering in ("mip", "translucent"):
         layer = Image(data, rgb=True, ndim=3, rendering=rendering)
-        image = draw.picture(viewer(layer, center=MIDDLE))
+        image = panel.picture(viewer(layer, center=MIDDLE))
         # what is bright is solid
         assert shade_of(image)[1] > 140, rendering
     assert image.info["notes"] == () and shade_of(image)[1] > 4 * shade_of(image)[2] > 4 * shade_of(image)[0]
     assert shade_of(image, (3, 3)) == (0, 0, 0)
 
 
-@pytest.fixture
-def layers(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """napari's own layers, without a window."""
+def test_what_is_left_out_is_told() -> None:
+    """Other kinds of layers, slices, other renderings; layers are mixed by depth."""
+    points = type("Points", (), {"visible": True, "ndim": 3, "name": "spots"})()
+    hidden = type("Shapes", (), {"visible": False, "ndim": 3, "name": "lines"})()
+    above = Image(block(), rendering="iso", name="nuclei", depiction="plane")
+    image = panel.picture(viewer(points, hidden, Image(block()), above, center=MIDDLE, ndisplay=2))
+    assert image.notes == (
+        "not drawn: spots, a Points layer of 3 axes",
+        "all voxels are drawn: the 2-D view shows a slice",
+        "nuclei: drawn as mip, not as iso",
+        "nuclei: drawn as a volume, not as a plane",
+        "layers are mixed by depth, not laid over each other",
+    )
+    assert panel.picture(viewer(Image(block()), center=MIDDLE)).notes == ()
+
+
+def test_nothing_to_draw_is_told() -> None:
+    with pytest.raises(sg.InputError, match="layers: expected a visible Image or Labels layer"):
+        panel.picture(viewer(Image(spots(), visible=False)))
+    with pytest.raises(sg.InputError, match="blend: expected one of composite"):
+        panel.picture(viewer(Image(spots((1, 1, 1)))), "iso")  # type: ignore[arg-type]
+
+
+class Labels(Image):
+    """A stand-in of napari's labels: 1 is lime."""
+
+    __module__ = "napari.layers.labels"
+
+    def get_color(self, number: int) -> np.ndarray:
+        return np.array([0.0, 1.0, 0.0, 1.0]) * (number == 1)
+
+
+def test_layers_of_a_scene_hide_each_other_by_depth() -> None:
+    """Labels behind a faint image and before it; opacity is the layer's."""
+    labels = Labels((spots((4, 5, 6)) > 0).astype(np.uint8), rendering="iso_categorical")
+    image = Image(block(200), rendering="translucent", opacity=0.5)
+    both, alone = (panel.picture(viewer(*layers, center=MIDDLE)) for layers in ((image, labels), (labels,)))
+    assert both.info["blend"] == alone.info["blend"] == "composite"
+    assert shade_of(both)[1] > 30 and shade_of(alone)[1] > 150 and shade_of(alone)[0] == 0
+    faint = panel.picture(viewer(replace_opacity(image, 0.1), labels, center=MIDDLE))
+    assert shade_of(faint)[1] > shade_of(both)[1] and shade_of(faint)[0] < shade_of(both)[0]
+
+
+def replace_opacity(layer: Image, opacity: float) -> Image:
+    layer.opacity = opacity
+    return layer
+
+
+def test_levels_of_a_pyramid_fit_into_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    fine = np.repeat(np.repeat(np.repeat(spots((4, 5, 6)), 2, 0), 2, 1), 2, 2)
+    layer = Image(fine, (0.5, 0.5, 0.5), name="levels")
+    layer.data, layer.multiscale = [fine, fine[::2, ::2, ::2]], True
+    seen = viewer(layer, center=MIDDLE)
+    whole = panel.volume_of(layer, seen)
+    monkeypatch.setattr(panel, "MOST_VOXELS", 2000)
+    coarse = panel.volume_of(layer, seen)
+    assert whole.shape == (16, 20, 24) and coarse.shape == (8, 10, 12) and not whole.coarser
+    np.testing.assert_allclose(whole.corners, coarse.corners)
+
+
+def test_the_widget_draws_saves_and_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
-    return pytest.importorskip("napari.layers", reason="layers of napari")
+    widgets = pytest.importorskip("qtpy.QtWidgets", reason="napari's window takes PyQt6 or PySide6", exc_type=Exception)
+    from splatgl.integrations.napari import widget
 
-
-def meshes_at(layer: Any, point: tuple[float, ...] = (0.0,) * 4) -> tuple[sg.Mesh, ...]:
-    seen = viewer(layer, ndim=len(point), order=tuple(range(len(point))), point=point)
-    (taken,) = take(seen).layers
-    assert taken.kind == "Mesh"
-    return taken.meshes
-
-
-def test_points_are_balls_where_the_sliders_are(layers: Any) -> None:
-    places = np.array([[0, 1, 2, 3], [0, 5, 5, 5], [1, 4, 4, 4.0]])
-    looks = {"face_color": ["red", "lime", "blue"], "border_width": 0.5, "opacity": 0.5}
-    points = layers.Points(places, size=[2, 4, 2], scale=(1, 1, 1, 2), **looks)
-    small, large = meshes_at(points)
-    # napari draws half of the border outside of the size
-    balls = (small, (6, 2, 1), 1.5 * 4 / 3, (255, 0, 0)), (large, (10, 5, 5), 1.5 * 8 / 3, (0, 255, 0))
-    for mesh, middle, radius, color in balls:
-        np.testing.assert_allclose((mesh.vertices.max(axis=0) + mesh.vertices.min(axis=0)) / 2, middle, atol=1e-6)
-        assert np.linalg.norm(mesh.vertices - middle, axis=1) == pytest.approx(radius)
-        assert mesh.opacity == 0.5 and mesh.colors is not None and (mesh.colors == color).all()
-    (blue,) = meshes_at(points, (1.0, 0.0, 0.0, 0.0))
-    assert blue.colors is not None and (blue.colors == (0, 0, 255)).all()
-
-
-def test_shapes_surfaces_tracks_and_vectors_are_meshes(layers: Any) -> None:
-    square = np.array([[1, 0, 0], [1, 0, 4], [1, 4, 4], [1, 4, 0.0]])
-    colors = {"edge_color": "red", "face_color": "blue"}
-    shape = layers.Shapes([square], shape_type="rectangle", edge_width=0.5, opacity=1, **colors)
-    face, edge = meshes_at(shape, (0.0,) * 3)
-    assert len(face) == 4 and np.allclose(face.vertices[:, 2], 1) and face.vertices[:, :2].max() == 4
-    assert edge.vertices.max() == pytest.approx(4.25, abs=0.02) and (edge.colors == (255, 0, 0)).all()
-    triangle = (np.array([[0, 0, 0], [0, 0, 6], [3, 0, 0.0]]), np.array([[0, 1, 2]]), np.array([0.0, 1.0, 2.0]))
-    (surface,) = meshes_at(layers.Surface(triangle, colormap="gray", contrast_limits=(0, 2)), (0.0,) * 3)
-    assert surface.vertices.tolist() == [[0, 0, 0], [6, 0, 0], [0, 0, 3]] and surface.colors is not None
-    assert np.abs(surface.colors[:, 0].astype(int) - (0, 127, 255)).max() <= 1
-    rows = [[7, time, 0, 0, 2.0 * time] for time in range(5)]
-    track = layers.Tracks(np.array(rows), tail_length=2, head_length=0, tail_width=4)
-    (tube,) = meshes_at(track, (3.0, 0.0, 0.0, 0.0))
-    # of the last two times, two pixels thick at a zoom of two
-    assert (tube.vertices[:, 0].min(), tube.vertices[:, 0].max()) == (2.0, 6.0)
-    assert np.linalg.norm(tube.vertices[:, 1:], axis=1) == pytest.approx(1.0)
-    arrow = layers.Vectors(np.array([[[0, 0, 0], [0, 0, 3.0]]]), length=2, edge_width=1)
-    assert meshes_at(arrow, (0.0,) * 3)[0].vertices[:, 0].max() == 6.0
-
-
-def test_shading_and_styles_are_napari_s_or_noted(layers: Any) -> None:
-    places = np.array([[0, 1, 2.0], [0, 5, 5]])
-    triangle = (np.array([[0, 0, 0], [0, 0, 6], [3, 0, 0.0]]), np.array([[0, 1, 2]]), np.array([0.0, 1.0, 2.0]))
-    plain = [layers.Points(places, border_width=0), layers.Surface(triangle, shading="none")]
-    lit = [layers.Points(places, border_width=0, shading="spherical"), layers.Surface(triangle, shading="smooth")]
-    styled = [
-        (layers.Points(places, border_color="red"), "without a ring"),
-        (layers.Vectors(np.array([[[0, 0, 0], [0, 0, 3.0]]]), vector_style="triangle"), "not of style triangle"),
-        (layers.Tracks(np.array([[7, time, 0, 0, time] for time in range(5)])), "do not fade with age"),
-    ]
-
-    def notes_of(layer: Any) -> str:
-        point = (3.0,) * (layer.ndim if layer.ndim > 3 else 0) or (0.0,) * 3
-        return " ".join(
-            take(viewer(layer, ndim=len(point), order=tuple(range(len(point))), point=point)).layers[0].notes
-        )
-
-    for layer in plain:
-        assert (meshes_at(layer, (0.0,) * 3)[0].normals == 0).all() and not notes_of(layer)
-    for layer in lit:
-        assert meshes_at(layer, (0.0,) * 3)[0].normals.any() and "brighter than napari's" in notes_of(layer)
-    for layer, note in styled:
-        assert note in notes_of(layer), layer
-
-
-def test_meshes_and_volumes_share_a_picture(layers: Any) -> None:
-    """Points are laid over a volume in their order; in one blend for all they are mixed by depth, or named."""
-    ball = layers.Points(np.array([[4.0, 5, 6]]), size=4, face_color="lime", opacity=1)
-    seen = viewer(Image(block(200)), ball, center=MIDDLE, point=MIDDLE)
-    assert shade_of(draw.picture(seen))[1] > 150 and shade_of(draw.picture(seen), (23, 24)) == (200, 0, 0)
-    assert "not drawn: Points, points or surfaces" in draw.picture(seen, "mip").info["notes"]
-    assert shade_of(draw.picture(viewer(ball, center=MIDDLE, point=MIDDLE), "composite"))[1] > 150
-    with pytest.raises(sg.InputError, match="layers: expected voxels, which mip draws"):
-        draw.picture(viewer(ball, center=MIDDLE, point=MIDDLE), "mip")
-
-
-def test_a_look_has_a_light_a_preset_and_annotations() -> None:
-    z, y, x = np.indices((24, 24, 24)) - 12.0
-    ball = (200 * np.exp(-(x * x + y * y + z * z) / 40)).astype(np.uint8)
-    seen = take(viewer(Image(ball), center=(12.0, 12.0, 12.0)))
-    plain = draw.draw_snapshot(replace(seen, look=Look(size=(80, 72))))
-    changed = draw.draw_snapshot(replace(seen, look=Look(size=(80, 72), preset="ct-bone", light="glossy")))
-    written = draw.draw_snapshot(replace(seen, look=Look(size=(80, 72), annotate=("scale", "axes"))))
-    assert plain.info["blend"] == "mip" and changed.info["blend"] == "composite"
-    assert written.info["annotated"] == ["scale", "axes"] and not np.array_equal(written.pixels, plain.pixels)
-
-
-def test_previews_are_far_smaller_than_the_picture() -> None:
-    seen = take(viewer(Image(np.zeros((96, 128, 128), np.uint8)), center=MIDDLE))
-    first, second, last = worker.levels(replace(seen, look=Look(size=(666, 800), annotate=("scale",))))
-    assert [level.look.stride for level in (first, second, last)] == [4, 2, 1]
-    assert np.prod(first.size) <= 2**15 * 1.01 and np.prod(second.size) <= 2**17 * 1.01 and last.size == (666, 800)
-    assert not first.look.annotate and last.look.annotate
-    # small ones are drawn at once
-    small = take(viewer(Image(block()), center=MIDDLE))
-    assert [level.look for level in worker.levels(small)] == [small.look]
-
-
-@pytest.mark.long
-def test_a_process_draws_beside_the_window() -> None:
-    """Answers of jobs; samples are sent once, splats are kept; errors, cancelled jobs and an ended process."""
-    found: list[worker.Answer] = []
-    drawing = worker.Worker(found.append)
-
-    def answer(number: int) -> worker.Answer:
-        end = time.monotonic() + 120
-        while time.monotonic() < end:
-            last = [each for each in found if each.job == number and each.state != "preview"]
-            if last:
-                return last[0]
-            time.sleep(0.01)
-        raise TimeoutError
-
-    layer = Image(spots((1, 2, 9)), (3, 2, 1.5))
-    seen = viewer(layer, center=(0.0, 9.0, 8.25))
-    try:
-        done = answer(drawing.draw(seen, Look()))
-        right = draw.picture(seen)
-        assert done.image is not None and done.rgb is not None and np.array_equal(done.image.pixels, right.pixels)
-        assert (done.rgb == right.samples8()[..., :3]).all() and done.image.info["notes"] == ()
-        known = set(drawing.known)
-        seen.camera.zoom = 3.0
-        again = answer(drawing.draw(seen, Look()))
-        assert known == drawing.known and again.image is not None
-        assert np.array_equal(again.image.pixels, draw.picture(seen).pixels)
-        # samples that change in place are sent again
-        layer.data[4, 5, 6] = 255
-        changed = answer(drawing.draw(seen, Look()))
-        assert changed.image is not None and np.array_equal(changed.image.pixels, draw.picture(seen).pixels)
-        assert "one of composite" in answer(drawing.draw(seen, Look(blend="iso"))).text  # type: ignore[arg-type]
-        number = drawing.draw(seen, Look(size=(900, 900)))
-        drawing.cancel()
-        assert not drawing.busy and all(each.job != number for each in found)
-        assert answer(drawing.draw(seen, Look())).state == "done"
-        assert drawing.process is not None
-        process = drawing.process
-        assert os.getpriority(os.PRIO_PROCESS, process.pid) > os.getpriority(os.PRIO_PROCESS, 0)
-        number = drawing.draw(viewer(Image(np.zeros((96, 96, 96), np.uint8)), center=MIDDLE), Look(size=(900, 900)))
-        while drawing.drawn != number:
-            time.sleep(0.01)
-        process.kill()
-        assert "has ended" in answer(number).text
-        assert answer(drawing.draw(seen, Look())).state == "done" and drawing.process is not process
-    finally:
-        drawing.close()
-
-
-SCREEN = """
-import os, sys, time, warnings
-import numpy as np, napari, splatgl as sg
-from qtpy.QtWidgets import QApplication
-from splatgl.integrations.napari import draw, widget
-
-z, y, x = np.mgrid[:30, :36, :42].astype(float)
-balls = [((10, 13, 15), 7, 1.0), ((20, 22, 28), 6, 0.7), ((15, 10, 33), 5, 0.5)]
-data = sum(s * np.clip((r - np.sqrt((z - a) ** 2 + (y - b) ** 2 + (x - c) ** 2)) / 2 + 0.5, 0, 1)
-           for (a, b, c), r, s in balls).astype(np.float32) * 200
-cut = [{"position": (18, 18, 21), "normal": (0, 1, 1), "enabled": True}]
-plane = {"position": (13, 15, 21), "normal": (1, 0.3, 0.2), "thickness": 4}
-CASES = {
-    "maximum": [{}], "opacity": [{"opacity": 0.4}], "clip": [{"experimental_clipping_planes": cut}],
-    "iso": [{"rendering": "iso", "iso_threshold": 60}], "plane": [{"depiction": "plane", "plane": plane}],
-    "attenuated": [{"rendering": "attenuated_mip", "attenuation": 0.05}],
-    "additive": [{"rendering": "additive"}], "average": [{"rendering": "average"}],
-    "flat": [{"opacity": 0.5}],
-    "two": [{"colormap": "red", "opacity": 0.6}, {"colormap": "green", "blending": "additive", "opacity": 0.5}],
-}
-# none of what the bridge reads is deprecated
-warnings.filterwarnings("error", message=".*deprecated attribute")
-viewer = napari.Viewer(show=True)
-viewer.window._qt_window.resize(620, 480)
-for name, layers in CASES.items():
-    viewer.layers.clear()
-    for number, given in enumerate(layers):
-        given = {"rendering": "mip", **given}
-        viewer.add_image(data[:, ::-1] if number else data, scale=(2, 1, 1), contrast_limits=(0, 200), **given)
-    viewer.dims.ndisplay = 2 if name == "flat" else 3
-    viewer.dims.set_point(0, 21)
-    viewer.fit_to_view() if hasattr(viewer, "fit_to_view") else viewer.reset_view()
-    if name != "flat":
-        viewer.scene.camera.angles = (10, 25, 60)
-    QApplication.processEvents()
-    ours = np.asarray(draw.picture(viewer).to_pil().convert("RGB")).astype(float)
-    theirs = viewer.screenshot(canvas_only=True, flash=False)[..., :3].astype(float)
-    assert ours.shape == theirs.shape
-    both, either = [f([ours.max(axis=-1) > 25, theirs.max(axis=-1) > 25]) for f in
-                    (lambda m: m[0] & m[1], lambda m: m[0] | m[1])]
-    print(name, both.sum() / either.sum(), ours.sum() / theirs.sum(), flush=True)
-# the viewer's context is current again: a program of its own that is new is compiled in it
-one = viewer.add_image(data, interpolation3d="linear")
-viewer.screenshot(flash=False)
-sg.render(one, size=32)
-one.rendering, one.interpolation3d = "minip", "cubic"
-viewer.add_labels((data > 100).astype(int))
-viewer.screenshot(flash=False)
-drawn = widget.Panel(viewer)
-
-def wait():
-    # until the panel has drawn
-    end = time.monotonic() + 200
-    while drawn.state in ("drawing", "preview") and time.monotonic() < end:
-        QApplication.processEvents()
-        time.sleep(0.01)
-
-drawn.annotations["scale"].setChecked(True)
-drawn.sizes.setCurrentText("200x160")
-drawn.draw()
-assert drawn.cancel_button.isEnabled() and not drawn.save_button.isEnabled()
-wait()
-assert drawn.image is not None and drawn.save_button.isEnabled() and "pixels" in drawn.summary.text()
-assert drawn.image.pixels.shape[:2] == (160, 200) and drawn.image.info["annotated"] == ["scale"]
-# samples are encoded for a display in the other process, and files in another thread
-encode, sg.Image.samples8 = sg.Image.samples8, None
-drawn.copy()
-assert QApplication.clipboard().image().width() == 200
-drawn.add_layer()
-assert viewer.layers[-1].rgb and viewer.layers[-1].data.shape == (160, 200, 3)
-viewer.layers.pop()
-sg.Image.samples8 = encode
-folder = sys.argv[1]
-saved = lambda: os.path.exists(folder + "/saved.png")
-refused = lambda: "x.txt" in drawn.summary.text()
-for name, seen in (("saved.png", saved), ("no/x.txt", refused)):
-    widget.QFileDialog.getSaveFileName = lambda *arguments: (f"{folder}/{name}", "")
-    drawn.save()
-    end = time.monotonic() + 60
-    while not seen() and time.monotonic() < end:
-        QApplication.processEvents()
-    assert seen(), name
-number = drawn.worker.number
-drawn.follow.setChecked(True)
-viewer.scene.camera.zoom *= 1.1
-QApplication.processEvents()
-time.sleep(0.2)
-QApplication.processEvents()
-assert drawn.worker.number == number + 1 and drawn.state == "drawing"
-drawn.cancel()
-assert drawn.state == "cancelled" and not drawn.cancel_button.isEnabled()
-drawn.follow.setChecked(False)
-drawn.sizes.setCurrentText("small")
-drawn.draw()
-assert "size: expected a width and a height" in drawn.summary.text()
-drawn.sizes.setCurrentText("canvas")
-viewer.layers.clear()
-drawn.draw()
-wait()
-assert drawn.image is None and not drawn.save_button.isEnabled() and drawn.shown.pixmap().isNull()
-drawn.worker.close()
-assert "expected a visible Image, Labels or other layer" in drawn.summary.text()
-print("done", flush=True)
-os._exit(0)
-"""
-
-
-@pytest.mark.long
-def test_in_napari_pictures_are_its_screenshots(tmp_path: Path) -> None:
-    """Outlines and brightness, of a viewer on a display of its own, beside napari's own drawing; then the panel."""
-    pytest.importorskip("napari", reason="the extra napari has the viewer")
-    pytest.importorskip("qtpy.QtWidgets", reason="napari's window takes PyQt6 or PySide6", exc_type=Exception)
-    if shutil.which("xvfb-run") is None:
-        pytest.skip("xvfb-run: its display is where napari's window opens")
-    command = ["xvfb-run", "-a", sys.executable, "-W", "ignore", "-c", SCREEN, str(tmp_path)]
-    ended = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "QT_QPA_PLATFORM": "xcb"})
-    lines = ended.stdout.split("\n")
-    assert "done" in lines, ended.stderr
-    found = {
-        name: (float(overlap), float(light)) for name, overlap, light in map(str.split, lines[: lines.index("done")])
-    }
-    print(found)
-    assert len(found) == 10
-    for name, (overlap, light) in found.items():
-        # the plane is seen from its edge
-        assert overlap > (0.8 if name == "plane" else 0.93), name
-        # surfaces are lit otherwise
-        assert name == "iso" or light == pytest.approx(1, abs=0.07), name
+    application = widgets.QApplication.instance() or widgets.QApplication([])
+    seen, added = viewer(Image(block()), center=MIDDLE), list[np.ndarray]()
+    seen.add_image = lambda data, **given: added.append(data)
+    drawn = widget.Panel(seen)
+    assert not any(button.isEnabled() for button in drawn.buttons[1:])
+    drawn.buttons[0].click()
+    assert drawn.summary.text().startswith("64×48 pixels, mip of ") and all(b.isEnabled() for b in drawn.buttons)
+    drawn.add_layer()
+    assert (added[0] == panel.picture(seen).samples8()[..., :3]).all()
+    for name, told in (("a.png", "pixels"), ("no/x.txt", "x.txt")):
+        monkeypatch.setattr(widget.QFileDialog, "getSaveFileName", lambda *_, name=name: (str(tmp_path / name), ""))
+        drawn.save()
+        assert told in drawn.summary.text()
+    assert sg.Image.load(tmp_path / "a.png").pixels.shape == (48, 64, 4)
+    seen.layers.clear()
+    drawn.draw()
+    assert "expected a visible Image or Labels layer" in drawn.summary.text() and drawn.image is None
+    assert drawn.shown.pixmap().isNull() and not drawn.buttons[1].isEnabled()
+    drawn.close()
+    application.processEvents()
 
 
 def test_in_napari_layers_stand_where_files_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

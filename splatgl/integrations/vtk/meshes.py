@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from splatgl.data.mesh import SIDES, Mesh
 from splatgl.errors import expected
-from splatgl.integrations import sample_plane
 from splatgl.integrations.vtk.properties import clip_planes, matrix_of, vtk_plane
 from splatgl.splat.camera import Camera
 
@@ -162,7 +162,7 @@ def _texels(picture: np.ndarray, places: np.ndarray, texture: Any) -> np.ndarray
     """sRGB [N, 3] from 0 to 255 at texture coordinates [N, 2], repeated or clamped, of the nearest texel or linear."""
     rgb = picture[..., :3] if picture.shape[2] > 2 else np.repeat(picture[..., :1], 3, axis=2)
     columns, rows = (places * (picture.shape[1], picture.shape[0]) - 0.5).T
-    return sample_plane(rgb, rows, columns, bool(texture.GetInterpolate()), bool(texture.GetRepeat()))
+    return _sample_plane(rgb, rows, columns, bool(texture.GetInterpolate()), bool(texture.GetRepeat()))
 
 
 def _shape_meshes(shape: Shape, prop: Any, color: Any, camera: Camera) -> Iterator[Mesh]:
@@ -298,3 +298,25 @@ def _cells(cells: Any) -> list[np.ndarray]:
 
     numbers, ends = vtk_to_numpy(cells.GetConnectivityArray()), vtk_to_numpy(cells.GetOffsetsArray())
     return np.split(numbers, ends[1:-1]) if len(ends) > 1 else []
+
+
+def _sample_plane(
+    samples: np.ndarray, rows: np.ndarray, columns: np.ndarray, is_linear: bool, repeats: bool
+) -> np.ndarray:
+    """Samples [N, M, …] at fractional indices [P, …] along the first two axes, linear in between or the nearest; beyond
+    the ends the last ones, or the samples again if they repeat.
+    """
+
+    def take(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        sized = zip((rows, columns), samples.shape, strict=False)
+        row, column = ((at % size if repeats else np.clip(at, 0, size - 1)).astype(np.intp) for at, size in sized)
+        return np.asarray(samples[row, column])
+
+    if not is_linear:
+        return take(np.floor(rows + 0.5), np.floor(columns + 0.5))
+    total = np.zeros((*rows.shape, *samples.shape[2:]))
+    for down, right in product((0, 1), repeat=2):
+        weight = np.abs(1 - down - rows % 1) * np.abs(1 - right - columns % 1)
+        part = take(np.floor(rows) + down, np.floor(columns) + right)
+        total += part * weight.reshape(weight.shape + (1,) * (samples.ndim - 2))
+    return total
