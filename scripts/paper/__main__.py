@@ -11,6 +11,7 @@ from textwrap import fill
 from paper.claims import page
 from paper.explain import add_parser as add_explained
 from paper.figures import FIGURES, Figure
+from paper.figures.forms_table import CAPTION, forms_table
 from paper.figures.rendered import PICTURES, add_pictures, check_no_options, run_picture
 
 from splatgl import __version__
@@ -24,6 +25,8 @@ from splatgl.report.tables import PAGE
 CLAIMED = (9, 10)
 # numbers of all available figures
 KNOWN = sorted([*FIGURES, *PICTURES])
+# text without a picture
+PRINTED = {"claims": page, "table1": lambda: f"{fill(CAPTION, PAGE)}\n\n{forms_table().text()}"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -51,7 +54,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "number",
         metavar="N",
-        help=f"{names}; claims; explain X,Y,Z: the errors of a splat",
+        help=f"{names}; {'; '.join(PRINTED)}; explain X,Y,Z: the errors of a splat",
     )
     add_pictures(parser)
     parser.add_argument("-o", "--output", metavar="FILE", help=".png or .svg to write (default figureN.png)")
@@ -61,10 +64,10 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Draws, writes or prints one figure; returns 0."""
-    if args.number == "claims":
+    if args.number in PRINTED:
         if args.output:
-            raise expected("figure claims", "no file to write", args.output, "it is printed")
-        print(page())
+            raise expected(f"figure {args.number}", "no file to write", args.output, "it is printed")
+        print(PRINTED[args.number]())
         return 0
     if args.number in map(str, PICTURES):
         return run_picture(args)
@@ -90,7 +93,7 @@ def text(figure: Figure) -> str:
 def _figure(number: str) -> Figure:
     if not number.isdecimal() or int(number) not in FIGURES:
         known = ", ".join(map(str, KNOWN))
-        raise expected("figure", f"one of {known}, or claims", number)
+        raise expected("figure", f"one of {known}, or {' or '.join(PRINTED)}", number)
     return FIGURES[int(number)]
 
 

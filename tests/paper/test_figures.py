@@ -13,6 +13,7 @@ import pytest
 from paper.__main__ import main
 from paper.figures import FIGURES, footprint_errors, geometry, motion_blur
 from paper.figures.footprint_errors import ALL, DEPTHS, OFFSETS, SURFACE_ROWS, Plane, Space, Surfaces, maximum
+from paper.figures.forms_table import forms_table
 from paper.figures.paper_setup import PAPER, Setting
 
 from splatgl.errors import InputError
@@ -266,7 +267,7 @@ def test_text_needs_no_matplotlib(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["15"], "figure: expected one of 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, or claims, got 15"),
+        (["15"], "figure: expected one of 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, or claims or table1, got 15"),
         (["-3"], "scripts/figure"),
         (["ten"], "figure: expected one of"),
         (["3", "-o", "a.jpg"], "a.jpg: expected a name that ends in .png or .svg"),
@@ -286,3 +287,15 @@ def test_setting_is_the_papers() -> None:
     assert (PAPER.front, PAPER.back) == pytest.approx((341.005, 853.005), abs=1e-3)
     assert PAPER.z_k == pytest.approx(443.405006737633, abs=1e-9)
     assert Setting(256).z_k == pytest.approx(PAPER.z_k / 2)
+
+
+def test_the_table_of_rows_holds_form_bprime_to_a_thousandth_of_a_level(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["table1"]) == 0
+    printed = capsys.readouterr().out
+    assert forms_table().text() in printed and "form b′" in printed.splitlines()[5]
+    found = {row[:2]: dict(zip(("2", "3", "4", "5", "b"), row[2:], strict=True)) for row in forms_table().rows}
+    assert max(row["b"] for row in found.values()) < 1e-3
+    assert found["edge", "+1"]["5"] == pytest.approx(27.1, abs=0.1)
+    assert found["edge", "+410"]["4"] == pytest.approx(7.81, abs=0.01)
+    assert found["corner", "+200"]["4"] == pytest.approx(16.64, abs=0.01)
+    assert all(row["b"] == row["2"] == 0 for (_, behind), row in found.items() if behind == "-50")

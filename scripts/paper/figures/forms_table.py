@@ -1,0 +1,29 @@
+"""Table 1's rows against form b′: the largest error of one splat by its place, in levels."""
+
+from __future__ import annotations
+
+import numpy as np
+from paper.figures.footprint_errors import ALL, Space
+from paper.figures.paper_setup import PAPER
+
+from splatgl.report.tables import Table
+
+CAPTION = (
+    "Four approximations of Table 1 and form b′ against row 1, the correct stretch: the largest error of a splat over "
+    "all rays, in 1/255 of its peak, by the place of its voxel in the paper's volume. Before z_k rows 2 and 3 and "
+    "form b′ are row 1."
+)
+FORMS = {"row2": "row 2", "row3": "row 3", "row4": "row 4", "row5": "row 5", "bprime": "form b′"}
+# (x, y) as fractions of the volume's half width, and depths behind z_k
+PLACES = {"near the axis": (0.0, 1 / 16), "half-way": (0.0, 0.5), "edge": (0.0, 1.0), "corner": (1.0, 1.0)}
+BEHIND = (-50.0, 1.0, 70.0, 200.0, PAPER.back - PAPER.z_k)
+
+
+def forms_table() -> Table:
+    """The errors by place and depth, levels."""
+    where = [(name, behind) for name in PLACES for behind in BEHIND]
+    voxel = np.array([(*(PAPER.edge * part for part in PLACES[name]), PAPER.z_k + behind) for name, behind in where])
+    space = Space(PAPER.kernel, PAPER.z_k, voxel)
+    levels = np.stack([space.levels(ALL[form]) for form in FORMS], axis=1).tolist()
+    rows = tuple((name, f"{behind:+.0f}", *row) for (name, behind), row in zip(where, levels, strict=True))
+    return Table(("place", "z_v − z_k", *FORMS.values()), rows)
