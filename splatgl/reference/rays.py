@@ -16,6 +16,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from splatgl.errors import expected
+from splatgl.reference.ewa import Ewa
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FLUSH, GRAZING, Clip
 from splatgl.splat.culling import STRETCHED, block_boxes
@@ -155,6 +156,8 @@ def pixel_ends(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> t
 def _bounds(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest slopes, or x and y, [2, N] each; low > high if invisible."""
     z = voxel[2]
+    if row == EWA:
+        return Ewa.of(view, voxel).bounds(view.kernel.radius)
     if not view.perspective:
         half = _half_axes(view, view.widths[:, None] / view.shrink(z))
         return voxel[:2] - half, voxel[:2] + half
@@ -312,6 +315,8 @@ def reached_squares(positions: np.ndarray, view: GridView, around: np.ndarray) -
 PAIRS = 1 << 18
 # rows drawn as quads, with their alignment; their formula holds on every grid
 QUAD_ROWS = {"row4": "ray", "row5": "grid"}
+# drawn beside the rows of Table 1
+EWA = "ewa"
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,18 +330,20 @@ class Values:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One row of Table 1 for voxels [3, N]."""
+    """One row of Table 1, or EWA, for voxels [3, N]."""
 
     view: GridView
     name: str
     voxel: np.ndarray
-    quads: Quads | None
+    quads: Quads | Ewa | None
 
     @classmethod
     def of(cls, view: GridView, name: str, voxel: np.ndarray, grid: Grid) -> Row:
         """The named row. Raises InputError for an unknown row, or one that does not exist for the grid."""
+        if name == EWA:
+            return cls(view, name, voxel, Ewa.of(view, voxel))
         if name not in ROWS:
-            raise expected("row", " or ".join(ROWS), repr(name))
+            raise expected("row", " or ".join([*ROWS, EWA]), repr(name))
         if name in ("row2", "row3") and not grid.cubic:
             raise expected("row", "row1, row4 or row5 for voxels that are not cubes", repr(name))
         # in orthographic projection, all rows are equal
@@ -362,6 +369,8 @@ class Row:
 
     def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
         """Line integrals of splats [P] along rays [2, P]."""
+        if isinstance(self.quads, Ewa):
+            return self.quads.on(self.view, splat, ray)
         if self.quads:
             return on_quads(self.view, self.quads.take(splat), ray)
         voxel = self.voxel[:, splat]

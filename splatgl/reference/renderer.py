@@ -21,6 +21,7 @@ from splatgl.reference.blend import ADD, Band, Part, mean_weights, over_backgrou
 from splatgl.reference.label_boxes import BoxScene
 from splatgl.reference.layers import LayerScene, SurfaceScene
 from splatgl.reference.rays import (
+    EWA,
     SQUARE,
     Boxes,
     Pixels,
@@ -41,7 +42,7 @@ from splatgl.splat.kernels import tabulate
 from splatgl.splat.lighting import Light, apply_light
 from splatgl.splat.motion_blur import moving_depth
 from splatgl.splat.ordering import back_to_front, order_for
-from splatgl.splat.resolve import Resolved, select_splats, voxel_kernel
+from splatgl.splat.resolve import Resolved, attenuation_form, select_splats, voxel_kernel
 from splatgl.splat.scene import Scene, check_layer, common_samples, join_pictures, with_shared_casters
 from splatgl.splat.settings import BLENDS, BlendMode, Settings
 from splatgl.splat.splats import Splats, in_parts, record_type
@@ -65,7 +66,8 @@ def render(
     """The exact image of `Renderer.render`, float64 [H, W, 4], linear premultiplied, row 0 at the top.
 
     row: "row1" (correct) or an approximation of Table 1, "row2" … "row5": row4 is `align="ray"`, row5 `align="grid"`;
-    rows 2 and 3 exist for cubic voxels only. progress wraps the iteration over bands of the image (bands, count).
+    rows 2 and 3 exist for cubic voxels only; or "ewa", EWA splatting, of Gaussians. progress wraps the iteration over
+    bands of the image (bands, count).
     Raises InputError for an unknown row.  [M98 Table 1]
     """
     started = time.perf_counter()
@@ -104,6 +106,11 @@ def _prepare(
         settings = replace(settings, classification="pre", compositing="splats", kernel=voxel_kernel(settings))
     splats = clip_behind_eye(select_splats(splats, settings, False, camera), camera)
     resolved = Resolved.of(splats, camera, settings)
+    if row == EWA:
+        # its filter widens voxels before z_k, too
+        filtered = settings.antialias != "off"
+        look = replace(resolved.look, attenuation=attenuation_form(settings, filtered))
+        resolved = replace(resolved, look=look, view=replace(resolved.view, antialias=filtered))
     scene = _scene(_select_reaching(splats, resolved, wanted), resolved, row)
     return [(scene, resolved)], _provenance(splats, camera, resolved, row)
 

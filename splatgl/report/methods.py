@@ -30,6 +30,7 @@ class Method:
 
     changes: of Settings, relative to the exact splats of version 0.1, or, if from_scene, to the scene's settings, or,
     if paper, to the settings of 1998. z_s_share: z_s as a fraction of the way from the nearest to the farthest splat.
+    row: of `reference.render`, which draws it in float64, untimed; "": OpenGL draws it.
     threshold: of the extractor, if above the scene's. coarse: number of downsamplings by two. quick: whether --quick
     includes it.
     """
@@ -40,6 +41,7 @@ class Method:
     from_scene: bool = False
     paper: bool = False
     z_s_share: float | None = None
+    row: str = ""
     threshold: float = 0.0
     coarse: int = 0
     quick: bool = True
@@ -58,7 +60,7 @@ class Method:
     @property
     def options(self) -> str:
         """The options of `splatgl render` that draw so; "" if there are none."""
-        if self.paper or self.z_s_share is not None:
+        if self.paper or self.row or self.z_s_share is not None:
             return ""
         given = {"threshold": self.threshold, **self.changes} if self.threshold else self.changes
         flags = [f"--{name.replace('_', '-')} {value}" for name, value in given.items()]
@@ -191,6 +193,8 @@ def add_kernel(kernel: str) -> None:
 DEFAULT, EXACT, PAPER = "default", "exact", "paper 1998"
 # without its 8 bits of pixels, and of the table too: the form's own error
 PAPER_TABLE, PAPER_FLOAT = "paper, 8-bit table", "paper, 32 bits"
+# of Gaussians whose footprint weakens opacity
+EWA, BESIDE_EWA, GAUSSIANS = "ewa splatting", "exact beside ewa", {"kernel": "gaussian", "attenuation": "opacity"}
 SAMPLES, SIZES, QUICK_SIZES = (1, 2, 4), (32, 64, 128, 256, 512), (32, 128, 512)
 for _axis in (
     Axis(
@@ -248,6 +252,14 @@ for _axis in (
         _variants("radial", "table_size", SIZES, QUICK_SIZES, align="exact"),
     ),
     _kernel_axis("kernel", "gaussian"),
+    Axis(
+        "ewa",
+        "EWA splatting, in float64 and untimed, beside form b′ of the same Gaussians; both weaken opacity",
+        (Method(EWA, GAUSSIANS, row="ewa"), Method(BESIDE_EWA, GAUSSIANS)),
+        ("reference", "field"),
+        connected=False,
+        fronts=(),
+    ),
     Axis(
         "attenuation",
         "what weakens beyond z_k",

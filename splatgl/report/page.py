@@ -16,7 +16,18 @@ from splatgl.comparison.html_report import data_uri, heat_map, html_page, larges
 from splatgl.data.image import Image
 from splatgl.errors import InputError
 from splatgl.fileio import write_file
-from splatgl.report.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, PAPER_TABLE, TRUTHS, methods
+from splatgl.report.methods import (
+    AXES,
+    BESIDE_EWA,
+    DEFAULT,
+    EWA,
+    EXACT,
+    PAPER,
+    PAPER_FLOAT,
+    PAPER_TABLE,
+    TRUTHS,
+    methods,
+)
 from splatgl.report.sweep import Level, Point, SceneResults, Timing, Truths, front
 from splatgl.report.tables import Table
 
@@ -151,7 +162,8 @@ def left_out(scene: SceneResults) -> Table:
     """Methods that were not drawn, truths that are missing, and why."""
     rows = [(row.method, row.omitted) for row in scene.rows if row.omitted]
     rows += [(f"{row.method}, {NAMES[truth]}", why) for row in scene.rows for truth, why in row.missing.items()]
-    rows += [(row.method, "not timed: interrupted") for row in scene.rows if row.timing is None and not row.omitted]
+    untimed = [row.method for row in scene.rows if row.timing is None and not row.omitted]
+    rows += [(n, f"not timed: {'drawn in float64' if methods()[n].row else 'interrupted'}") for n in untimed]
     return Table(("what", "why"), tuple(rows), "Left out", folded=True)
 
 
@@ -187,7 +199,18 @@ def milliseconds(timing: Timing | None) -> str:
 
 # --- pictures of methods ----------------------------------------------------------------------------------------------
 
-SHOWN = (DEFAULT, PAPER, EXACT, "no antialiasing", "2×2", "preview 1/2", "sheets 3", "post b-spline 2×2")
+SHOWN = (
+    DEFAULT,
+    PAPER,
+    EXACT,
+    "no antialiasing",
+    "2×2",
+    "preview 1/2",
+    "sheets 3",
+    "post b-spline 2×2",
+    EWA,
+    BESIDE_EWA,
+)
 # percentile of the worst method's differences shown as the brightest
 BRIGHTEST = 99.5
 COMPARED = ("reference", "sampled", "field")
@@ -205,8 +228,9 @@ def strip(renderer: Renderer, scene: SceneResults, truths: Truths) -> str:
     differences: dict[tuple[str, str], np.ndarray] = {}
     drawn: dict[str, Image] = {}
     for row in rows:
-        splats, settings = subject.inputs(methods()[row.method])
-        drawn[row.method] = image = renderer.render(splats, subject.camera, settings)
+        method = methods()[row.method]
+        settings = subject.inputs(method)[1]
+        drawn[row.method] = image = subject.draw(renderer, method)
         for truth in set(COMPARED) & set(row.errors):
             differences[row.method, truth] = largest_difference(image, truths.get(truth, settings))
     shown = [truth for truth in COMPARED if any(of == truth for _, of in differences)]

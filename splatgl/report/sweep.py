@@ -165,6 +165,13 @@ class Subject:
         kernel = extraction_kind(settings, moving=False, why=why, voxels=0)[1]
         return self.splats(method.threshold, method.coarse, kernel), settings
 
+    def draw(self, renderer: Renderer, method: Method) -> Image:
+        """The picture of a method. Raises InputError if the scene does not allow it."""
+        splats, settings = self.inputs(method)
+        if method.row:
+            return reference.render(splats, self.camera, settings, method.row)
+        return renderer.render(splats, self.camera, settings)
+
 
 def _fit_size(size: tuple[int, int], longest: int) -> tuple[int, int]:
     """The size scaled to `longest` pixels on its longer side."""
@@ -393,7 +400,7 @@ class Sweep:
     def __init__(self, truths: Truths) -> None:
         self.truths, self.subject, self.renderer = truths, truths.subject, truths.renderer
         self.results = SceneResults(self.subject)
-        self.plans: dict[tuple[Hashable, int], str] = {}
+        self.plans: dict[tuple[Hashable, str, int], str] = {}
 
     def pictures(self, requested: Sequence[Method], tick: Tick) -> None:
         """Draws each method once, and measures its errors."""
@@ -413,11 +420,14 @@ class Sweep:
         if not len(splats):
             raise InputError("no splat is left")
         # equal plans give equal images
-        first = self.plans.setdefault((plan.key, id(splats)), method.name)
+        first = self.plans.setdefault((plan.key, method.row, id(splats)), method.name)
         row.same_as = "" if first == method.name else first
-        image = self.renderer.render(splats, self.subject.camera, settings)
+        if method.row:
+            # refuses pictures that would take too long
+            self.truths.get("reference", settings)
+        image = self.subject.draw(self.renderer, method)
         row.splats, row.extraction = len(splats), self.subject.seconds[id(splats)]
-        row.bound, row.tolerance = image.info["error_bound"], settings.tolerance  # type: ignore[assignment]
+        row.bound, row.tolerance = image.info.get("error_bound"), settings.tolerance  # type: ignore[assignment]
         for truth in axis_of(method.name).measured:
             # the scene says that it has no field
             if truth == "field" and self.subject.no_field:
@@ -436,7 +446,8 @@ class Sweep:
         Load on the machine thus affects all methods alike, and they can be compared round by round.
         """
         named = methods()
-        drawn = [row.method for row in self.results.rows if not row.same_as and not row.omitted]
+        shown = [row.method for row in self.results.rows if not row.same_as and not row.omitted]
+        drawn = [name for name in shown if not named[name].row]
         distinct: dict[str, list[float]] = {name: [] for name in drawn}
         shuffled = random.Random(SEED)
         try:

@@ -175,7 +175,7 @@ class Resolved:
         clip, mask = (Clip.of(settings.clip, splats.grid) if after or boxes else None), (splats.mask if after else None)
         look = Appearance(
             blend,
-            attenuation="optical-depth" if after else _attenuation(settings, antialias or moving),
+            attenuation="optical-depth" if after else attenuation_form(settings, antialias or moving),
             shading=lit,
             sheets=sheets.count if sheets else 0,
             steps=sheets.steps if sheets else 0,
@@ -362,7 +362,7 @@ def _cues(splats: Splats, camera: Camera, settings: Settings, light: Light, note
     return LightVolume(casters, splats.grid, settings.ambient_occlusion, settings.shadows, toward)
 
 
-def _attenuation(settings: Settings, weakened: bool) -> str:
+def attenuation_form(settings: Settings, weakened: bool) -> str:
     """The form of attenuation. Forms differ only in composite, and before z_k only under motion. fill is the closest to
     supersampling, measured on walls, edges, threads, dots, fog and real volumes.
     """

@@ -56,6 +56,7 @@ SHORT_FILES = {
     "cli/info.py": "cli/main.py: COMMANDS",
     "cli/surface.py": "cli/main.py: COMMANDS",
     "report/tables.py": "tables of scripts, too",
+    "reference/ewa.py": "a splat of another method, beside the rows of Table 1",
     "distributed/worker_preload.py": "Dask's option preload",
 }
 MAX_FUNCTION_LINES, MAX_PARAMETERS = 60, 7

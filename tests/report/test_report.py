@@ -15,7 +15,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.cli.report import list_methods
 from splatgl.report import methods
-from splatgl.report.page import as_csv, conclusion, page, registry
+from splatgl.report.page import as_csv, conclusion, left_out, page, registry, strip
 from splatgl.report.sweep import LEVELS, Point, SceneResults, Subject, Sweep, Timing, Truths, errors, front
 from tests.helpers.splatting import SPLATS
 from tests.stress import CASES, run_case
@@ -293,3 +293,17 @@ def test_ctrl_c_leaves_pages(
     assert main(asked) == 130
     assert "the page shows what is done" in capsys.readouterr().err
     assert "not timed: interrupted" in (tmp_path / "report.html").read_text()
+
+
+def test_ewa_splatting_is_measured_and_shown_but_not_timed(renderer: sg.Renderer, subject: Subject) -> None:
+    results = swept(renderer, subject, "ewa")
+    ewa, beside = results.rows
+    assert (ewa.method, beside.method) == (methods.EWA, methods.BESIDE_EWA) and not ewa.same_as
+    # its filter is wider than that of the same Gaussians, which are drawn as row 1
+    assert ewa.timing is None and ewa.bound is None and beside.timing is not None
+    assert ewa.errors["reference"]["rmse"] > 100 * beside.errors["reference"]["rmse"]
+    assert (methods.EWA, "not timed: drawn in float64") in left_out(results).rows
+    settings = subject.inputs(methods.methods()[methods.EWA])[1]
+    right = sg.reference.render(subject.splats(), subject.camera, settings, row="ewa").pixels
+    np.testing.assert_array_equal(subject.draw(renderer, methods.methods()[methods.EWA]).pixels, right)
+    assert f'alt="{methods.EWA}"' in strip(renderer, results, Truths(renderer, subject, LEVEL))
