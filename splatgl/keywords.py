@@ -251,7 +251,6 @@ class PictureKeywords(PictureSettingsKeywords, PictureLoadKeywords, LookKeywords
     like: str | None
     paper: bool
     memory: int | str | None
-    mixing: Literal["linear", "display"]
     origin: Numbers | None
     name: str | None
     offset: int

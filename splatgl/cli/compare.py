@@ -121,13 +121,12 @@ def _diff(pair: Pair) -> bytes:
 
 
 def _write_reports(args: argparse.Namespace, outcomes: Sequence[Outcome], criteria: Criteria, title: str) -> None:
-    from splatgl.comparison.ci_outputs import append_text, junit_xml, markdown_summary, with_history
+    from splatgl.comparison.ci_outputs import append_text, junit_xml, markdown_summary
     from splatgl.comparison.html_report import build_page
 
     cases = build_cases(outcomes, criteria)
     if args.report:
-        page = [with_history(case) if case.html else case for case in cases]
-        write_file(Path(args.report), build_page(page, title).encode())
+        write_file(Path(args.report), build_page(cases, title).encode())
     if args.summary:
         append_text(Path(args.summary), markdown_summary(cases, title, args.report or ""))
     if args.junit:

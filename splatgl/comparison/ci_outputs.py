@@ -1,29 +1,19 @@
-"""Outputs for a CI: a summary in Markdown, JUnit with attached pictures, and the history of a baseline in git."""
+"""Outputs for a CI: a summary in Markdown, and JUnit with attached pictures."""
 
 from __future__ import annotations
 
 import base64
 import re
-import subprocess
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from html import escape
-from io import BytesIO
 from pathlib import Path
 from xml.etree import ElementTree
 
-import numpy as np
-from PIL import Image as Pillow
-
-from splatgl.comparison.html_report import STATES, Case, data_uri
+from splatgl.comparison.html_report import STATES, Case
 from splatgl.fileio import write_file
 
 # rows of a summary in Markdown: GitHub takes 1 MiB a step
 MOST_ROWS = 200
-# commits in a history, and pixels along the longer side of their pictures
-MOST_COMMITS, THUMBNAIL = 6, 150
-# seconds that git may take
-GIT_SECONDS = 20
 # images of a case's HTML: kind and content
 IMAGES = re.compile(r'<figcaption>(actual|expected|difference)[^<]*<.*?src="data:image/png;base64,([^"]+)"')
 # characters that XML has no place for
@@ -94,42 +84,3 @@ def junit_xml(cases: Sequence[Case], title: str, folder: Path | None) -> bytes:
     suites = ElementTree.Element("testsuites")
     suites.append(suite)
     return bytes(ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True))
-
-
-def with_history(case: Case) -> Case:
-    """The case with the expected image at the last commits that changed it; as it is where git has none."""
-    if case.state == "same" or not case.file.endswith(".png"):
-        return case
-    figures = "".join(
-        f'<figure><img alt="expected picture of {escape(f"{date} {commit}")}" src="{data_uri(samples)}">'
-        f"<figcaption>{escape(f'{date} {commit} {subject}')}</figcaption></figure>"
-        for commit, date, subject, samples in _commits(Path(case.file))
-    )
-    if not figures:
-        return case
-    details = f'<details class="history"><summary>the expected picture in git</summary>{figures}</details>'
-    return replace(case, html=case.html + details)
-
-
-def _commits(file: Path) -> Iterator[tuple[str, str, str, np.ndarray]]:
-    """(commit, date, subject, thumbnail) of each of the last commits that changed a file, the newest first."""
-    name = f"./{file.name}"
-    log = _git(file.parent, "log", f"-{MOST_COMMITS}", "--format=%h\t%as\t%s", "--", name).decode("utf-8", "replace")
-    for line in log.splitlines():
-        commit, date, subject = line.split("\t", 2)
-        try:
-            picture = Pillow.open(BytesIO(_git(file.parent, "show", f"{commit}:{name}"))).convert("RGBA")
-        except (OSError, ValueError):
-            # deleted by this commit, or kept outside of git
-            continue
-        picture.thumbnail((THUMBNAIL, THUMBNAIL))
-        yield commit, date, subject, np.asarray(picture)
-
-
-def _git(folder: Path, *arguments: str) -> bytes:
-    """Output of a git command in a folder; empty if git fails or is missing."""
-    try:
-        command = ["git", "-C", str(folder), *arguments]
-        return subprocess.run(command, capture_output=True, check=True, timeout=GIT_SECONDS).stdout
-    except (OSError, subprocess.SubprocessError):
-        return b""

@@ -214,11 +214,10 @@ class Collector:
 
     def _report(self, folder: Path, unused: list[str]) -> str:
         """Writes the report and returns a message with its path."""
-        from splatgl.comparison.ci_outputs import with_history
         from splatgl.comparison.html_report import build_page, list_files
         from splatgl.fileio import write_file
 
-        cases = [with_history(_case_of(case)) for case in self.cases]
+        cases = [_case_of(case) for case in self.cases]
         wrong = sum(case.state != "same" for case in cases)
         extra = list_files("baselines that no test compares", unused)
         write_file(folder / "index.html", build_page(cases, "Image regression", extra).encode())

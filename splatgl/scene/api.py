@@ -21,11 +21,10 @@ from splatgl.readers.remote import is_address
 from splatgl.scene.draw import DrawOptions, depths_of, draw, draw_subject
 from splatgl.scene.groups import TRANSFER, ungrouped, with_groups
 from splatgl.scene.meshes import VECTORS, MeshFile
-from splatgl.scene.mixing import DISPLAY, LINEAR, MIXING, display_image, display_scene, display_settings
 from splatgl.scene.open_scene import OpenScene, with_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import EXTENT, Transfer
 from splatgl.splat.transfer_files import SUFFIXES
 
@@ -62,7 +61,7 @@ def depth_map(
         raise expected("depths", "a volume, an array, a file or a scene", "splats")
     if is_scene(x):
         _refuse_transfer(look)
-        layers, seen, drawn, _ = view_of(x, view, base, given)
+        layers, seen, drawn = view_of(x, view, base, given)
         return depths_of(layers, seen, drawn, at)
     scene = OpenScene.read(scene_of(x, look, view, base, given)[0])
     # the planes of the settings are the scene's
@@ -89,8 +88,7 @@ def render(
     colormap: a name, or sRGB [N, 3]; colors: pairs of a value and a name or sRGB (r, g, b); layers: volumes, arrays,
     Layers or files, one or several; labels: a segmentation; mask: anything that `Volume.masked` accepts, or several;
     unit: a number or "extent", the length that opacities refer to, or other text, the unit of an array's lengths;
-    mixing of a Scene or plotter: "linear" light, or "display" values as VTK mixes them; background: linear RGB, a name,
-    "#rrggbb" or "transparent"; by default white behind surfaces and black behind glowing matter. `info["notes"]` lists
+    background: linear RGB, a name, "#rrggbb" or "transparent"; by default white behind surfaces and black behind glowing matter. `info["notes"]` lists
     the notes that the command prints about a file, and on options without effect. The image's `accuracy` compares it
     with the float64 reference, when asked. Raises InputError for bad input, and if nothing is visible.
 
@@ -203,11 +201,11 @@ def _refuse_transfer(transfer: Any) -> None:
 
 def view_of(
     x: Any, camera: Camera | None, settings: Settings | None, options: Mapping[str, Any]
-) -> tuple[Scene, Camera, Settings, str]:
-    """The layers, view, settings and mixing of a scene of layers, or of a plotter.
+) -> tuple[Scene, Camera, Settings]:
+    """The layers, view and settings of a scene of layers, or of a plotter.
 
-    camera, settings: replace the plotter's. options: fields of Settings, `mixing`, and options of the view; for a
-    plotter only the size.
+    camera, settings: replace the plotter's. options: fields of Settings, and options of the view; for a plotter only
+    the size.
     """
     from splatgl.splat.camera import Camera
     from splatgl.splat.scene import Scene
@@ -215,11 +213,10 @@ def view_of(
     layers = isinstance(x, Scene)
     drawing = {f.name: options[f.name] for f in fields(Settings) if f.name in options}
     viewing = {name: value for name, value in options.items() if name not in drawing}
-    mixing = checked(MIXING.kind, "mixing", viewing.pop("mixing", LINEAR))
     known = () if camera is not None else ORBIT if layers else ("size",)
     for name in viewing:
         if name not in known:
-            allowed = ", ".join(["fields of Settings", "mixing", *known])
+            allowed = ", ".join(["fields of Settings", *known])
             raise expected("options", allowed, name, "a scene has its transfer functions" if layers else "")
     if "size" in viewing:
         viewing["size"] = ViewOptions(viewing["size"]).size
@@ -227,31 +224,24 @@ def view_of(
     view = camera or (Camera.orbit(scene, **{"azimuth": 30.0, "elevation": 20.0, **viewing}) if layers else None)
     base = replace(settings or (Settings() if layers else Settings.of(x)), **drawing)
     base = with_background(base, scene.is_lit)
-    return scene, view or Camera.of(x, viewing.get("size")), base, mixing
+    return scene, view or Camera.of(x, viewing.get("size")), base
 
 
 def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options: Mapping[str, Any]) -> Image:
     """Draws a scene of layers, or the view of a plotter on the plotter's background; arguments as of `view_of`.
 
-    For a plotter scalar bars and texts are drawn where it has them, and info["notes"] lists the differences from its
-    own picture.
+    For a plotter info["notes"] lists the differences from its own picture.
     """
-    scene, view, base, mixing = view_of(x, camera, settings, options)
-    layers, shared = scene is x, DrawOptions(is_shared=True)
-    if mixing == DISPLAY and not base.mixes_display and (layers or not BLENDS[base.blend].unbounded):
-        image = draw_subject(display_scene(scene), view, display_settings(base), shared)
-        image = display_image(image, base.ground)
-    else:
-        image = draw_subject(scene, view, base, shared)
-    if layers:
+    scene, view, base = view_of(x, camera, settings, options)
+    image = draw_subject(scene, view, base, DrawOptions(is_shared=True))
+    if scene is x:
         return image
-    from splatgl.integrations.vtk.overlays import finish
+    from splatgl.integrations.vtk.scene import list_differences
 
     # not those on what the plotter sets
     typed = {*(settings or Settings()).given, *options}
-    unused = tuple(note for note in image.notes if typed & {*note.partition(":")[0].split(", ")})
-    image = replace(image, info={**image.info, "notes": unused})
-    return finish(image, x, base.ground)
+    unused = [note for note in image.notes if typed & {*note.partition(":")[0].split(", ")}]
+    return replace(image, info={**image.info, "notes": (*list_differences(x), *unused)})
 
 
 @public

@@ -16,7 +16,6 @@ from splatgl.options import Group, OptionGroup, declared, flag_name, keyword, ke
 from splatgl.readers.options import LoadOptions
 from splatgl.scene.draw import DrawOptions
 from splatgl.scene.meshes import VECTORS, MeshFile, Vectors
-from splatgl.scene.mixing import LINEAR, MIXING
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import TransferChoice
 from splatgl.scene.view import ViewOptions
@@ -43,7 +42,6 @@ PLAIN = {
     **{name: _vectors[item].replace(name=name) for name, item in VECTORS.items()},
     **{name: keyword(name, hint) for name, hint in (("like", "str | None"), ("paper", "bool"))},
     **keywords_of(DrawOptions, "memory"),
-    "mixing": keyword("mixing", MIXING.kind.hint, LINEAR),
     **keywords_of(ArrayOptions),
     **keywords_of(LoadOptions, *names_of(LoadOptions), flags=True),
     # text: the unit of an array's lengths; a number or "extent": the length that opacities refer to

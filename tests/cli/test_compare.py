@@ -6,7 +6,6 @@ import json
 import os
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -505,23 +504,6 @@ def test_frames_and_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     assert "new.gif [3]" in html and "3 the same" in html
     assert main(["compare", "short.gif", "old.gif"]) == 1
     assert "no new picture in short.gif, which has fewer" in capsys.readouterr().out
-
-
-def test_the_history_of_a_baseline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The report shows the expected picture at the commits that changed it."""
-    if shutil.which("git") is None:
-        pytest.skip("git is not here")
-    monkeypatch.chdir(tmp_path)
-    git = ["git", "-c", "user.name=a", "-c", "user.email=a@b"]
-    subprocess.run([*git, "init", "-q"], check=True)
-    for gray, subject in ((50, "first <b>"), (90, "second")):
-        Pillow.new("L", (20, 10), gray).save("old.png")
-        subprocess.run([*git, "add", "old.png"], check=True)
-        subprocess.run([*git, "commit", "-qm", subject], check=True)
-    Pillow.new("L", (20, 10), 99).save("new.png")
-    assert main(["compare", "new.png", "old.png", "--report", "r.html"]) == 1
-    history = Path("r.html").read_text(encoding="utf-8").partition('<details class="history">')[2]
-    assert history.index("second") < history.index("first &lt;b&gt;") and history.count("data:image/png") == 2
 
 
 def test_equal_bytes_are_not_decoded_and_processes_keep_the_order(

@@ -148,7 +148,7 @@ def values() -> dict[str, Any]:
         **{"layers": [volume()], "layer": [volume()], "meshes": [tetrahedron()], "mesh": [tetrahedron()]},
         **{"annotate": "title=A", "slices": "z=4", "slice": "z=4", "slice_planes": "z=4", "slice_plane": "z=4"},
         **{"labels": segments(), "clip_meshes": True, "caps": "plain", "vectors": "magnitude", "streamlines": 10},
-        **{"arrows": 10, "like": "0.1", "paper": True, "memory": "1MiB", "mixing": "display", "spacing": (1, 1, 3)},
+        **{"arrows": 10, "like": "0.1", "paper": True, "memory": "1MiB", "spacing": (1, 1, 3)},
         **{"origin": (5, 0, 0), "name": "x", "values": "labels", "array": "0", "shape": (10, 10, 10)},
         **{"dtype": "uint8", "header_offset": 1, "offset": 1, "channel": 5, "time": 1, "level": 1, "series": 1},
         **{"well": "A/1", "field": 1, "color": "x.png", "relief": 2.0, "point_size": 3.0, "anywhere": True},

@@ -17,7 +17,6 @@ from splatgl.integrations.vtk.image_data import select_array, volumes_from_compo
 from splatgl.integrations.vtk.meshes import meshes_of, texture_differences
 from splatgl.integrations.vtk.properties import clip_planes, matrix_of, transfer_of
 from splatgl.scene.meshes import stage
-from splatgl.scene.mixing import DISPLAY, LINEAR
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
 from splatgl.splat.scene import Layer, Scene
@@ -31,10 +30,10 @@ NEAREST, PHYSICAL = 0, 3
 # default range of averaged values
 UNBOUNDED = (float(np.finfo(np.float32).min), float(np.finfo(np.float32).max))
 # classes of props that are drawn over pictures
-DRAWN_OVER = ("vtkScalarBarActor", "vtkTextActor", "vtkCornerAnnotation")
 # classes of props without a counterpart here
 KINDS = {
-    **dict.fromkeys(("vtkTextActor3D", "vtkBillboardTextActor3D"), "a text"),
+    **dict.fromkeys(("vtkTextActor3D", "vtkBillboardTextActor3D", "vtkTextActor", "vtkCornerAnnotation"), "a text"),
+    "vtkScalarBarActor": "a scalar bar",
     **dict.fromkeys(("vtkCubeAxesActor", "vtkAxesActor", "vtkAxisActor2D"), "axes"),
     "vtkLegendBoxActor": "a legend",
     "vtkImageSlice": "an image",
@@ -83,8 +82,8 @@ def settings_of(x: Any) -> Settings:
     return Settings(blend=blends.pop() if blends else "composite", background=ground).but(**_light(renderer))
 
 
-def list_differences(x: Any, mixing: str = LINEAR) -> Iterator[str]:
-    """A line for each thing that a plotter shows, but not its scene and settings. mixing: of colours."""
+def list_differences(x: Any) -> Iterator[str]:
+    """A line for each thing that a plotter shows, but not its scene and settings."""
     renderer = renderer_of(x)
     visible = [prop for prop in items(renderer.GetViewProps()) if prop.GetVisibility()]
     kinds = [name for prop in visible for name in _prop_differences(prop)]
@@ -103,8 +102,8 @@ def list_differences(x: Any, mixing: str = LINEAR) -> Iterator[str]:
         yield "all surfaces reflect as much ambient, diffuse and specular light as the first"
     if strengths and _within_one(strengths[0]) != strengths[0]:
         yield "ambient, diffuse and specular light of surfaces are limited to a sum of 1"
-    if strengths and mixing == LINEAR:
-        yield f"lit in linear light, brighter at grazing angles; mixing={DISPLAY!r} lights as VTK does"
+    if strengths:
+        yield "lit in linear light, brighter at grazing angles"
     if renderer.GetGradientBackground():
         yield "the background is the mean of its gradient"
     if renderer.GetTexturedBackground() or renderer.GetBackgroundTexture() is not None:
@@ -126,8 +125,6 @@ def _prop_differences(prop: Any) -> Iterator[str]:
         low, high = getattr(prop.GetMapper(), "GetAverageIPScalarRange", lambda: UNBOUNDED)()
         if prop.GetMapper() is not None and blend_of(prop.GetMapper()) == "mean" and (low, high) != UNBOUNDED:
             yield "the range of values that are averaged"
-    elif any(map(prop.IsA, DRAWN_OVER)):
-        return
     elif prop.IsA("vtkActor") and hasattr(prop.GetMapper(), "GetLookupTable"):
         # polygons, lines and points
         yield from texture_differences(prop)
