@@ -12,6 +12,9 @@
 #constant AHEAD    // nor a kernel that reaches this part of the way to it: it stands still
 #constant FAR      // within 7 % all rays that meet a kernel are parallel from this many of its reaches on
 
+// footprints on the quads of Table 1's rows 4 and 5 are stretched there
+#define ON_QUADS (PERSPECTIVE && ALIGN != ALIGN_EXACT)
+
 struct Streak {
     vec2 shift;  // from the path's middle in time to its mean position
     vec2 move;   // from its start to its end; both across the view at the middle's depth
@@ -59,6 +62,13 @@ float length_of(Inner inner, vec3 v, vec2 step_) {
     if (PERSPECTIVE == 1) line += inner.axes * (v.xy / v.z);
     vec3 move = inner.axes * step_;
     return length(move - line * (dot(move, line) / dot(line, line)));
+}
+
+// A step across the view as its eye sees it on the plane of a quad, in voxels.
+vec2 step_on(Quad quad, vec2 step_) {
+    vec3 move = vec3(step_, 0.0);
+    return vec2(dot(move, quad.axis_1) / dot(quad.axis_1, quad.axis_1),
+                dot(move, quad.axis_2) / dot(quad.axis_2, quad.axis_2));
 }
 
 // Reach of a footprint along the unit vector h of the picture, swept by `half_` either way.

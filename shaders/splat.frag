@@ -74,7 +74,11 @@ vec4 boxed() {
 
 // Contribution of a moving splat: opacity, or the sum's term.
 float streaked() {
+#if ON_QUADS
+    Passing p = passing_on_quad(at, path_step);
+#else
     Passing p = passing(path_center, at, path_step, Inner(mat2x3(inner_x, inner_y), path_isolation.yz));
+#endif
     float value = splat.a * streak_shape(p);
     if (IN_ORDER && ATTENUATION == ATTENUATION_FILL)
         return dwelt_opacity(value, splat.a * p.gain * stretched(p), path_isolation.x);

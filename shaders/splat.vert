@@ -67,6 +67,14 @@ void main() {
     path_step = streak.move;
     path_isolation = inner_x = inner_y = vec3(0.0);
     if (path_step != vec2(0.0)) {
+#if ON_QUADS
+        path_step = step_on(quad, streak.move);
+        float size = length(path_step);
+        vec2 heading = path_step / max(size, 1e-18);
+        at = mat2(heading, -heading.y, heading.x) * (corner * vec2(quad.reach + 0.5 * size, quad.reach));
+        point = v + at.x * quad.axis_1 + at.y * quad.axis_2;
+        vec2 shrink = vec2(0.0);
+#else
         bool widened = PERSPECTIVE == 0 || is_widened(v);
         Inner inner = inner_of(v, widened);
         inner_x = inner.axes[0];
@@ -75,9 +83,11 @@ void main() {
         point = v + vec3(at, 0.0);
         give_place(v, vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0));
         float size = length_of(inner, v, path_step);
-        float alone = isolation(size, run_along(index_from_eye() * vec3(path_step, 0.0), in_runs));
-        path_isolation = vec3(ATTENUATION == ATTENUATION_FILL ? alone : 0.0, inner.shrink);
+        vec2 shrink = inner.shrink;
         if (PEAK == 0) splat.a = attenuated_depth(v, quad.coverage) * style.peak;
+#endif
+        float alone = isolation(size, run_along(index_from_eye() * vec3(streak.move, 0.0), in_runs));
+        path_isolation = vec3(ATTENUATION == ATTENUATION_FILL ? alone : 0.0, shrink);
         coverage /= 1.0 + size * frame.line;
     }
     corner_eye = point;

@@ -52,6 +52,14 @@ Passing passing(vec3 v, vec2 at, vec2 step_, Inner inner) {
     return Passing(passed + further, max(dot(r, r) - further * further, 0.0), size, gain);
 }
 
+// The same on a quad. at, step_: in voxels on its plane.
+Passing passing_on_quad(vec2 at, vec2 step_) {
+    float size = length(step_);
+    vec2 heading = step_ / max(size, 1e-18);
+    float across = dot(at, vec2(-heading.y, heading.x));
+    return Passing(dot(at, heading), across * across, size, 1.0);
+}
+
 // F/F(0) at the path's point nearest to the ray: the pixel's maximum.
 float stretched(Passing p) {
     float beyond = max(abs(p.along) - 0.5 * p.size, 0.0);

@@ -24,7 +24,7 @@ from splatgl.splat.bricks import EACH, Bricks, bricks_of, excess_need, spread_pl
 from splatgl.splat.camera import Camera
 from splatgl.splat.grid import Grid
 from splatgl.splat.motion import Moments, Motion
-from splatgl.splat.plan import Blurred
+from splatgl.splat.plan import Blurred, Plan
 from splatgl.splat.resolve import check_blur_supported, extract_for_settings
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
@@ -325,16 +325,27 @@ def render_moving_bricks(
     """Draws a volume in bricks while the camera or the volume moves: the mean of moments, as `Renderer.render` draws
     moving splats; without motion a sharp picture. Raises InputError for streaks and for a flow.
     """
-    if motion is None:
-        return renderer.render_bricks(bricks, camera, settings, bands=bands)
-    check_blur_supported("in bricks", settings, motion.flow is not None)
-    sharp = replace(settings, motion="off", moments=None)
+    chosen = plan_moving_bricks(renderer, bricks, camera, settings, motion)
 
     def draw(_: Splats, view: Camera, requested: Settings) -> Image:
         return renderer.render_bricks(bricks, view, requested, bands=bands)
 
-    blurred = Blurred.of(bricks.probes, camera, settings, motion, [])
-    if not blurred.moments:
-        return draw(bricks.probes, camera, sharp)
-    mean = Moments(draw, motion, settings.shutter, blurred.moments)(bricks.probes, camera, sharp)
+    if motion is None or not chosen.moments:
+        return draw(bricks.probes, camera, chosen.settings)
+    mean = Moments(draw, motion, settings.shutter, chosen.moments)(bricks.probes, camera, chosen.settings)
     return Image(mean.pixels.astype(np.float32), {**mean.info, "motion": "moments"})
+
+
+def plan_moving_bricks(
+    renderer: Renderer, bricks: Bricks, camera: Camera, settings: Settings, motion: Motion | None
+) -> Plan:
+    """The plan of the picture that `render_moving_bricks` draws, in the middle of the exposure; `settings` are those of
+    its sharp moments. Raises InputError for streaks and for a flow.
+    """
+    if motion is None:
+        return renderer.plan_bricks(bricks, camera, settings)
+    check_blur_supported("in bricks", settings, motion.flow is not None)
+    notes = list[str]()
+    blurred = Blurred.of(bricks.probes, camera, settings, motion, notes)
+    chosen = renderer.plan_bricks(bricks, blurred.camera, replace(settings, motion="off", moments=None))
+    return replace(chosen, moments=blurred.moments, notes=(*notes, *chosen.notes))

@@ -222,7 +222,8 @@ class Bound:
 def bound(splats: Splats, plan: Plan, pixels: np.ndarray) -> Bound | None:
     """Error bound of a picture. pixels [H, W, 4]: as drawn; the errors of an X-ray are relative to the largest.
 
-    None for streaks near the eye and of long voxels beyond z_k, which deviate from their model; for values classified
+    None for streaks near the eye, on quads of rows 4 and 5 and of long voxels beyond z_k, which deviate from their
+    model; for values classified
     after reconstruction; and for boxes, since a ray along a face may meet either of two.
     """
     if plan.program.look.steps > 0 or plan.program.boxes:
@@ -310,6 +311,8 @@ def _hidden_light(plan: Plan, pixels: np.ndarray, opacity: float) -> float:
 def _streak_errors(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[PlacementError, RayOverlap] | None:
     """Placement error and ray overlap of streaks; None if streaks deviate from their model."""
     shape, props = plan.kernel, plan.program.seen
+    if props.perspective and plan.program.align != "exact":
+        return None
     steps = splats.grid.world_from_index / splats.grid.mean_spacing
     astray = 0.0 if exposure.flow is None else 2 * float(np.linalg.norm(exposure.drift(splats), axis=1).max())
     cameras = (exposure.first, exposure.middle, exposure.last)

@@ -47,7 +47,7 @@ class Lookup:
 
 @dataclass(frozen=True)
 class Blurred:
-    """Motion blur of a picture. settings: adapted to streaks, whose align is exact. camera: in the middle of the
+    """Motion blur of a picture. settings: with the form of streaks. camera: in the middle of the
     exposure. exposure: of streaks, else None. moments: number of pictures whose mean it is, else 0.
     """
 
@@ -73,16 +73,13 @@ class Blurred:
                 notes.append(f"motion {settings.motion} left out: {settings.blend} of a streak is none of its moments")
             notes.append(f"motion blur: the mean of pictures at {count} times, shutter {settings.shutter:g}°")
             return cls(settings, exposure.middle, None, count)
-        if settings.align not in ("auto", "exact"):
-            notes.append(f"align {settings.align} left out: streaks are exact")
         drawn = f"motion blur {form}, shutter {settings.shutter:g}°, on quads"
         notes.append(f"{drawn}; its error bound is to straight streaks")
         notes.append(f"streaks are straight: where paths bend most they are off by {exposure.bend(splats):.2g} pixels")
         count = settings.moments or 1
         if count > 1:
             notes.append(f"the mean of {count} pictures, each streaked over its part of the paths")
-        adapted = settings.but(align="exact", motion=form)
-        return cls(adapted, exposure.middle, exposure, count if count > 1 else 0)
+        return cls(settings.but(motion=form), exposure.middle, exposure, count if count > 1 else 0)
 
 
 # texels along an axis: as in the paper, and for an error of 1e−5 of a radial table

@@ -61,7 +61,7 @@ NEEDS: tuple[tuple[tuple[str, ...], Callable[[Use], bool], str], ...] = (
     (
         ("align",),
         lambda use: use.plan.program.align == use.given.align,
-        "streaks are exact, and in a parallel view all alignments are the same",
+        "in a parallel view all alignments are the same",
     ),
     (("mip_attenuation",), lambda use: use.given.blend == "attenuated-mip", "blend is not attenuated-mip"),
     (("table_size",), lambda use: use.plan.program.footprint in ("table", "radial"), "footprints are no table"),

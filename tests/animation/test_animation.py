@@ -696,9 +696,9 @@ def test_a_scaled_x_ray_scales_its_bound() -> None:
     ids=str,
 )
 def test_a_volume_beyond_memory_is_drawn_in_bricks(
-    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Still and moving frames are those of the whole; moments are counted by the bricks' places."""
+    """Still and moving frames are those of the whole; moments are counted by the bricks' places, and explained."""
     monkeypatch.chdir(tmp_path)
     np.save("v.npy", noise(np.random.default_rng(1), (20, 20, 20)))
     asked = ["animate", "v.npy", "--frames", "30", "--only", "3-4", "--size", "24", "--points", "0.45:0,0.6:0.8"]
@@ -713,14 +713,32 @@ def test_a_volume_beyond_memory_is_drawn_in_bricks(
     allow_any_memory(monkeypatch)
     monkeypatch.setattr(sg.Renderer, "render_bricks", lambda *a, **k: bricks.append(1) or render(*a, **k))
     monkeypatch.setattr(animation, "budget", lambda: 1 << 20)
-    assert main([*keyed, "-o", "b/{frame}.npy"]) == 0
+    capsys.readouterr()
     count = {"1": 1, "3": 3}.get(options[-1], 2)
+    assert main([*keyed, "-o", "b/{frame}.npy", "--explain"]) == 0
+    assert f"the mean of pictures at {count} times" in capsys.readouterr().out
     assert len(bricks) >= 2 * count
     for n in (3, 4):
         first, second = (np.load(f"{folder}/{n}.npy") for folder in "ab")
         # sums are exact streaks, if whole
         allowed = 0.03 * first.max() if "xray" in options else 2e-3
         assert first.max() > 0.3 and np.abs(first - second).max() < allowed
+
+
+def test_the_plan_of_bricks_counts_the_moments_that_are_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a part of the volume, whose corners are outside the picture."""
+    monkeypatch.chdir(tmp_path)
+    np.save("v.npy", noise(np.random.default_rng(1), (20, 20, 20)))
+    drawn = []
+    render = sg.Renderer.render_bricks
+    allow_any_memory(monkeypatch)
+    monkeypatch.setattr(sg.Renderer, "render_bricks", lambda *a, **k: drawn.append(1) or render(*a, **k))
+    monkeypatch.setattr(animation, "budget", lambda: 1 << 20)
+    asked = ["animate", "v.npy", "--points", "0.45:0,0.6:0.8", "--size", "24", "--zoom", "4", "--frames", "12"]
+    assert main([*asked, "--only", "3", "--motion", "moments", "--explain", "-o", "{frame}.npy"]) == 0
+    assert len(drawn) > 1 and f"the mean of pictures at {len(drawn)} times" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("options", [["--motion", "exact"], ["--flow", "1"]], ids=str)

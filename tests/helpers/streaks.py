@@ -16,7 +16,7 @@ from splatgl.errors import expected
 from splatgl.reference.rays import Boxes, Row, pixel_ends
 from splatgl.reference.renderer import SplatScene, draw_bands
 from splatgl.splat.camera import Camera
-from splatgl.splat.footprint import run_length_along
+from splatgl.splat.footprint import Quads, on_quads, run_length_along, table_quad
 from splatgl.splat.kernels import tabulate
 from splatgl.splat.line_integral import Integral, row1
 from splatgl.splat.motion import Motion, Streaks, streaks
@@ -29,7 +29,9 @@ from splatgl.splat.view import GridView
 
 @dataclass(frozen=True, eq=False)
 class StreakRow(Row):
-    """Row 1 for voxels [3, N] that move by step [2, N] across the view; motion: exact, energy or paper."""
+    """Row 1, or rows 4 and 5 on quads, for voxels [3, N] that move by step [2, N] across the view; motion: exact,
+    energy or paper.
+    """
 
     step: np.ndarray
     motion: str
@@ -37,12 +39,16 @@ class StreakRow(Row):
     def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
         """Integrals of splats [P] along rays [2, P]. value: the mean along the path; peak: the maximum."""
         voxel, step = self.voxel[:, splat], self.step[:, splat]
-        integral = row1(self.view, voxel, ray)
+        quads = self.quads.take(splat) if self.quads else None
+        integral = on_quads(self.view, quads, ray) if quads else row1(self.view, voxel, ray)
         integral.peak[:] = integral.value
         # a kernel around the eye has no image position to move from
         moving = np.flatnonzero(step.any(axis=0) & (voxel[2] > self.view.reach))
         if len(moving):
-            passed = pass_kernels(self.view, voxel[:, moving], ray[:, moving], step[:, moving])
+            some = ray[:, moving], step[:, moving]
+            passed = (
+                pass_quads(quads.take(moving), *some) if quads else pass_kernels(self.view, voxel[:, moving], *some)
+            )
             integral.value[moving] = passed.streak_shape(self.view, self.motion)
             integral.peak[moving] = passed.most(self.view)
         return integral
@@ -133,6 +139,33 @@ def pass_kernels(view: GridView, voxel: np.ndarray, ray: np.ndarray, step: np.nd
     return Passing(passed + further, across, length, gain)
 
 
+def aligned_quads(view: GridView, voxel: np.ndarray, align: str, z_s: float) -> Quads:
+    """Quads of voxels [3, N]: row 4's nearer than z_s, in mean spacings, for align hybrid, or all; else row 5's."""
+    near = voxel[2] < {"ray": np.inf, "grid": -np.inf}.get(align, z_s)
+    turned, flat = (vars(table_quad(view, voxel, plane)) for plane in ("ray", "grid"))
+    return Quads(*(np.where(near, turned[name], flat[name]) for name in turned))
+
+
+def pass_quads(quads: Quads, ray: np.ndarray, step: np.ndarray) -> Passing:
+    """Passes of rays [2, N] by footprints on quads, which are cut in half along step [2, N] as seen on their planes.
+
+    Rays that meet a plane behind the eye are infinitely far.
+    """
+    line = np.stack([*ray, np.ones(ray.shape[1])])
+    facing = (quads.normal * line).sum(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = (quads.normal * quads.voxel).sum(axis=0) / facing
+    hit = (facing != 0) & (depth > 0)
+    offset = np.where(hit, depth, 1.0) * line - quads.voxel
+    axes = np.stack([quads.axis_1, quads.axis_2])
+    at = np.einsum("ain,in->an", axes, offset) / quads.size
+    move = np.einsum("ain,in->an", axes[:, :2], step) / quads.size
+    length = np.hypot(*move)
+    heading = move / np.where(length > 0, length, 1.0)
+    across = np.where(hit, np.abs(heading[0] * at[1] - heading[1] * at[0]), np.inf)
+    return Passing((heading * at).sum(axis=0), across, length, quads.gain)
+
+
 def render(
     splats: Splats, camera: Camera, settings: Settings, motion: Motion, shutter: float = 180.0, shape: str = "exact"
 ) -> Image:
@@ -148,10 +181,16 @@ def render(
     paths = streaks(splats, camera, motion, shutter)
     resolved = Resolved.of(splats, paths.camera, settings, moving=True)
     view, attenuation = replace(resolved.view, kernel=tabulate(resolved.kernel.name)), resolved.look.attenuation
-    row = StreakRow(view, "row1", paths.middle, None, paths.step, shape)
-    scene = SplatScene.of(splats, resolved, row, _boxes(view, paths))
+    quads, boxes = None, _boxes(view, paths)
+    if view.perspective and settings.align not in ("auto", "exact"):
+        quads = aligned_quads(view, paths.middle, settings.align, (settings.z_s or 0.0) / splats.grid.mean_spacing)
+        zero, (width, height) = np.zeros(len(splats), dtype=np.int64), paths.camera.size
+        boxes = Boxes(zero, zero + width, zero, zero + height)
+    row = StreakRow(view, "row1", paths.middle, quads, paths.step, shape)
+    scene = SplatScene.of(splats, resolved, row, boxes)
     if attenuation != "optical-depth":
-        lengths = length_of(view, paths)
+        slope = paths.middle[:2] / paths.middle[2]
+        lengths = pass_quads(quads, slope, paths.step).length if quads else length_of(view, paths)
         if attenuation == "fill":
             through = run_length_along(view.index_from_eye[:, :2] @ paths.step, splats.runs)
             scene = replace(scene, isolated=isolation(lengths, through))
