@@ -35,7 +35,7 @@ from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.motion import Motion, flow_of
 from splatgl.splat.ordering import order_for
 from splatgl.splat.resolve import has_streaks
-from splatgl.splat.scene import Scene, ScenePlan, moments_per_frame
+from splatgl.splat.scene import Scene, moments_per_frame
 from splatgl.splat.scissors import cut_volume
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 
     from splatgl.gl.renderer import Renderer
     from splatgl.splat.clipping import Plane
-    from splatgl.splat.plan import Plan
 
 
 FULL_TURN = 360.0
@@ -421,22 +420,16 @@ class Work:
             return render_moving_bricks(renderer, matter.subject, camera, settings, motion, self.bands)
         return renderer.render(matter.subject, camera, replace(settings, clip=matter.clip), motion)
 
-    def _plan(
-        self, renderer: Renderer, matter: Matter, camera: Camera, settings: Settings, motion: Motion | None
-    ) -> Plan | ScenePlan:
-        """The plan of the picture of a frame."""
-        if isinstance(matter.subject, Bricks):
-            from splatgl.gl.large_volumes import plan_moving_bricks
-
-            return plan_moving_bricks(renderer, matter.subject, camera, settings, motion)
-        return renderer.plans(matter.subject, camera, replace(settings, clip=matter.clip), motion)
-
     def frame(self, renderer: Renderer, matter: Matter, view: FrameView, explain: bool) -> tuple[bytes, list[str]]:
         """The file of a frame, and notes on settings that do not change it. explain: prints its plan."""
         settings = without_background(self.settings, self.over.names if self.over else ())
         motion = view.motion if matter.flow is None else view.motion and replace(view.motion, flow=matter.flow)
-        if explain:
-            print(self._plan(renderer, matter, view.camera, settings, motion).explain())
+        if explain and isinstance(matter.subject, Bricks):
+            from splatgl.gl.large_volumes import plan_moving_bricks
+
+            print(plan_moving_bricks(renderer, matter.subject, view.camera, settings, motion).explain())
+        elif explain:
+            print(renderer.plans(matter.subject, view.camera, replace(settings, clip=matter.clip), motion).explain())
         image = self._render(renderer, matter, view.camera, settings, motion)
         # those on its layers are printed where they are read; the parts of a picture in bricks do not know what moves
         is_whole, told = not isinstance(matter.subject, Bricks), getattr(matter.subject, "notes", ())
