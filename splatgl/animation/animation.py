@@ -439,11 +439,9 @@ class Work:
         scene = self.scenes[view.volume]
         image = Image(image.pixels, {**image.info, **provenance_of(scene, matter.transfer, matter.transfer.unit)})
         if self.over is not None:
-            names = self.over.at(scene.load.get("time", view.volume))
-            backdrop = self.settings.ground
+            names, backdrop = self.over.at(scene.load.get("time", view.volume)), self.settings.ground
             inputs = self.over.subject, self.over.transfer, view.camera, names, backdrop
-            image = annotated(image, *inputs, steady=True)
-            image = on_ground(image, backdrop)
+            image = on_ground(annotated(image, *inputs, steady=True), backdrop)
         ground = self.settings.ground if BLENDS[self.settings.blend].unbounded else None
         return self.frames.encoded(view.frame, image, self.bits, ground), notes
 

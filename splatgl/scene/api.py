@@ -88,9 +88,10 @@ def render(
     colormap: a name, or sRGB [N, 3]; colors: pairs of a value and a name or sRGB (r, g, b); layers: volumes, arrays,
     Layers or files, one or several; labels: a segmentation; mask: anything that `Volume.masked` accepts, or several;
     unit: a number or "extent", the length that opacities refer to, or other text, the unit of an array's lengths;
-    background: linear RGB, a name, "#rrggbb" or "transparent"; by default white behind surfaces and black behind glowing matter. `info["notes"]` lists
-    the notes that the command prints about a file, and on options without effect. The image's `accuracy` compares it
-    with the float64 reference, when asked. Raises InputError for bad input, and if nothing is visible.
+    background: linear RGB, a name, "#rrggbb" or "transparent"; by default white behind surfaces and black behind
+    glowing matter. `info["notes"]` lists the notes that the command prints about a file, and on options without effect.
+    The image's `accuracy` compares it with the float64 reference, when asked. Raises InputError for bad input,
+    and if nothing is visible.
 
     ```python
     image = sg.render("head.nii.gz", "mri", azimuth=60, size=200, background="white")
