@@ -49,16 +49,26 @@ class Raster:
         rest = np.abs(np.concatenate([np.delete(self.across, a), np.delete(self.down, b)])).max()
         return (a, b) if a != b and rest * max(self.size) < STRAIGHT else None
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether all are the middles of voxels."""
+        steps = np.concatenate([self.across, self.down]) * max(self.size)
+        off = np.concatenate(
+            [self.start - np.rint(self.start), steps - np.rint(steps / max(self.size)) * max(self.size)]
+        )
+        return self.axes is not None and bool(np.abs(off).max() < ON_FACE)
+
 
 def sample_raster(
     volume: Volume, raster: Raster, nearest: bool = False, beyond: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values float64 [H, W], or sRGB from 0 to 1 [H, W, 3], and bool [H, W]: where they are known, as
-    `sample_places`. Rows along an axis take a few steps for each row and column.
+    `sample_places`. Rows along an axis take a few steps for each row and column, and no more voxels than they show
+    where these are the nearest, or the places are voxels.
     """
     width, height = raster.size
     axes = raster.axes
-    if axes is None or nearest:
+    if axes is None:
         values, known = sample_places(volume, raster.places, nearest, beyond)
         return values.reshape(height, width, *values.shape[1:]), known.reshape(height, width)
     # one place along each row, column, and across both
@@ -66,23 +76,30 @@ def sample_raster(
     lines[axes[0]] = raster.start[axes[0]] + np.arange(width) * raster.across[axes[0]]
     lines[axes[1]] = raster.start[axes[1]] + np.arange(height) * raster.down[axes[1]]
     inside = [_inside(line, size, beyond) for line, size in zip(lines, volume.shape[::-1], strict=True)]
-    values = np.zeros((height, width, *([3] if volume.color is not None else [])))
+    of_labels = nearest and volume.color is None
+    nearest = nearest or raster.is_whole
+    kind = volume.samples.dtype if of_labels else np.dtype(np.float64)
+    values = np.zeros((height, width, *([3] if volume.color is not None else [])), kind)
     known = np.zeros((height, width), bool)
     if not all(some.any() for some in inside):
         return values, known
     lines = [line[some] for line, some in zip(lines, inside, strict=True)]
-    box = Box.around(volume, [line.min() for line in lines], [line.max() for line in lines])
-    part = box.values
-    for axis, line in enumerate(lines):
-        part = _weigh(part, line - box.first[axis], 2 - axis)
+    box = Box.around(volume, [line.min() for line in lines], [line.max() for line in lines], nearest)
     z, y, x = (box.nearest(line, axis) for axis, line in reversed(list(enumerate(lines))))
     seen = box.known[np.ix_(z, y, x)]
+    part = box.values[np.ix_(z, y, x)] if nearest else box.values
+    for axis, line in enumerate([] if nearest else lines):
+        part = _weigh(part, line - box.first[axis], 2 - axis)
     order = [2 - axes[1], 2 - axes[0]]
     order = [*order, 3 - sum(order)]
     part = part.transpose(*order, *range(3, part.ndim))[:, :, 0]
     seen = seen.transpose(order)[:, :, 0]
-    values[np.ix_(inside[axes[1]], inside[axes[0]])] = part
-    known[np.ix_(inside[axes[1]], inside[axes[0]])] = seen
+    column, row = (int(inside[axis].argmax()) for axis in axes)
+    shown = np.s_[row : row + len(part), column : column + part.shape[1]]
+    values[shown], known[shown] = part, seen
+    if nearest and not known.all():
+        # NaN
+        values[~known] = 0
     return values, known
 
 
@@ -127,14 +144,15 @@ class Box:
 
     @classmethod
     def around(cls, volume: Volume, low: object, high: object, nearest: bool = False) -> Box:
-        """The box of the voxels that positions from low to high [3] (x, y, z) need. nearest: as samples are, else in
-        float64, missing ones filled.
+        """The box of the voxels that positions from low to high [3] (x, y, z) need. nearest: those alone, as samples
+        are; else in float64, missing ones filled.
         """
-        last = np.array(volume.shape[::-1]) - 1
-        begin, end = (np.clip(np.floor(np.asarray(at)), 0, last).astype(int) for at in (low, high))
+        last, reach = np.array(volume.shape[::-1]) - 1, 0 if nearest else REACH
+        whole = np.rint if nearest else np.floor
+        begin, end = (np.clip(whole(np.asarray(at)), 0, last).astype(int) for at in (low, high))
         z, y, x = begin[::-1].tolist()
-        d, h, w = (np.minimum(end + 1, last) + 1)[::-1].tolist()
-        ends = volume.around((z, y, x), (d, h, w), REACH)
+        d, h, w = (np.minimum(end + (not nearest), last) + 1)[::-1].tolist()
+        ends = volume.around((z, y, x), (d, h, w), reach)
         cut = tuple(map(slice, *ends))
         kept = volume.kept(*ends) if volume.masks else True
         if volume.color is not None:
@@ -145,16 +163,15 @@ class Box:
             known = np.isfinite(values)
             values = values if nearest else _filled(values.astype(np.float64), known)
         margins = [
-            (max(REACH - (place - first), 0), max(REACH - (stop - place_end), 0))
+            (max(reach - (place - first), 0), max(reach - (stop - place_end), 0))
             for place, first, place_end, stop in zip((z, y, x), ends[0], (d, h, w), ends[1], strict=True)
         ]
         first = np.array(ends[0])[::-1] - np.array(margins)[::-1, 0]
-        if not nearest:
-            more = [(0, 0)] * (values.ndim - 3)
-            values = np.pad(values, [*margins, *more], "reflect", reflect_type="odd")
-        else:
-            values = np.pad(values, [*margins, *[(0, 0)] * (values.ndim - 3)], "edge")
-        return cls(values, np.pad(known & kept, margins, "edge"), first, last)
+        known = known & kept
+        if nearest:
+            return cls(values, known, first, last)
+        values = np.pad(values, [*margins, *[(0, 0)] * (values.ndim - 3)], "reflect", reflect_type="odd")
+        return cls(values, np.pad(known, margins, "edge"), first, last)
 
     def nearest(self, place: np.ndarray, axis: int) -> np.ndarray:
         """Indices [P] in the box of the voxels nearest to positions [P] along an axis."""

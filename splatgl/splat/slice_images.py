@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from splatgl.data.color import linear_from_srgb
+from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.mesh import Mesh, Texture
 from splatgl.data.volume import Volume
 from splatgl.splat.clipping import Plane, box_planes
-from splatgl.splat.colormaps import FURTHEST, SOLID, UNKNOWN, colormap
+from splatgl.splat.colormaps import FURTHEST, SOLID, UNKNOWN, colormap, interpolate_map
 from splatgl.splat.grid import Grid
 from splatgl.splat.resample import BEYOND, level_for, sample_places, sample_raster
 from splatgl.splat.slices import SlicePlane, plane_through
@@ -24,6 +25,8 @@ Pitch = tuple[float, float]
 TEXELS, MOST_TEXELS, MOST_VOXELS = 4, 1 << 20, 1 << 24
 # texels beyond the edges of a plane, which cubics need
 MARGIN = 2
+# entries of the table of a colour map for a screen
+COLORS = 4096
 # area of a cap, as a share of the square of a volume's longest side, that is only rounding
 LEAST_AREA = 1e-12
 
@@ -72,6 +75,19 @@ class Painted(NamedTuple):
         return known & (self.transfer.opacity(values) > 0) if self.transfer.labels else known
 
 
+def to_screen(light: np.ndarray) -> np.ndarray:
+    """uint8 [..., 4], sRGB, of linear RGB and opacity."""
+    return np.rint(np.append(srgb_from_linear(np.clip(light[..., :3], 0.0, 1.0)), light[..., 3:], -1) * 255).astype(
+        np.uint8
+    )
+
+
+@lru_cache(maxsize=8)
+def map_colors(name: str) -> np.ndarray:
+    """uint8 [COLORS, 4]: a colour map in sRGB."""
+    return to_screen(np.insert(interpolate_map(colormap(name), np.linspace(0.0, 1.0, COLORS)), 3, 1.0, -1))
+
+
 @dataclass(frozen=True, eq=False)
 class Painter:
     """Layers that a slice shows: the first is opaque; others lie over it, or add up if all are unshaded amounts."""
@@ -99,6 +115,30 @@ class Painter:
             parts.append(sample_raster(volume, raster, layer.nearest, 0.0 if number else beyond))
         return self._join(parts)
 
+    def screen(self, plane: SlicePlane, low: np.ndarray, pitch: Pitch, size: tuple[int, int]) -> np.ndarray:
+        """uint8 [H, W, 4], sRGB, and 255, or 0 beside the volumes: as `pixels`; of a map or segments by a table."""
+        only, entries = self.layers[0], None
+        if len(self.layers) == 1:
+            volume = level_for(only.volume, min(pitch))
+            values, known = sample_raster(volume, plane.raster(volume, low, pitch, size), only.nearest)
+            if self.is_mapped:
+                entries = (self.places(values, known) * (COLORS - 1) + 0.5).astype(np.intp)
+                table = map_colors(only.transfer.colormap)
+            elif values.dtype.kind in "iu" and int(np.ptp(values)) < COLORS:
+                least = int(values.min())
+                entries, kinds = values.astype(np.intp) - least, np.arange(least, int(values.max()) + 1)
+                table = to_screen(self._join([(kinds, np.ones(kinds.shape, bool))]))
+            light = self._join([(values, known)]) if entries is None else None
+        else:
+            light = self.pixels(plane, low, pitch, size)
+        if light is not None:
+            return to_screen(light)
+        # four bytes at a time
+        pixels = np.take(table.view(np.uint32)[:, 0], entries, mode="clip")
+        if not known.all():
+            pixels[~known] = 0
+        return pixels.view(np.uint8).reshape(*entries.shape, 4)
+
     def _join(self, parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         adds = len(self.layers) > 1 and all(layer.glows for layer in self.layers)
         total: np.ndarray = np.zeros((*parts[0][1].shape, 4))
@@ -117,14 +157,20 @@ class Painter:
     @property
     def has_map(self) -> bool:
         """Whether the light is that of a map's places, which are linear in values."""
+        return self.is_mapped and not self.layers[0].transfer.logarithmic
+
+    @property
+    def is_mapped(self) -> bool:
+        """Whether the light is that of a map's places."""
         only = self.layers[0]
-        is_plain = not (only.nearest or only.solid or only.transfer.logarithmic or only.volume.color is not None)
-        return len(self.layers) == 1 and is_plain
+        return len(self.layers) == 1 and not (only.nearest or only.solid or only.volume.color is not None)
 
     def places(self, values: np.ndarray, known: np.ndarray) -> np.ndarray:
         """Places [...] of values in the colour map of the only layer; UNKNOWN where there is a hole."""
         transfer = self.layers[0].transfer
         low, high = transfer.color_range
+        if transfer.logarithmic:
+            low, high, values = float(np.log(low)), float(np.log(high)), np.log(np.maximum(values, low))
         wide = high - low
         place = (values - low) / wide if wide > 0 else np.where(values >= low, 1.0, 0.0)
         return np.where(known, np.clip(place, -FURTHEST, FURTHEST), UNKNOWN)

@@ -1,9 +1,9 @@
-"""Slices that are turned: their planes, texts of a scene file for them, and panes that show them."""
+"""Slices that are turned: their planes, and texts of a scene file for them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -12,11 +12,10 @@ import numpy as np
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Triple, Volume
 from splatgl.splat.scene import Layer, Scene
+from splatgl.splat.slice_images import Painted
 from splatgl.splat.slices import Slice, SlicePlane, Where, grid_normals, parse_slices, plane_through
-from splatgl.viewer.slice_pixels import Look
 
 if TYPE_CHECKING:
-    from splatgl.viewer.slice_pixels import Look
     from splatgl.viewer.state import Slices, State
 
 Turn = tuple[float, ...]
@@ -115,7 +114,7 @@ def with_slices(state: State, slices: Slices, volume: Volume) -> State:
 
 
 @lru_cache(maxsize=1)
-def slice_meshes(looks: tuple[Look, ...], slice_planes: tuple[str, ...]) -> tuple[Mesh, ...]:
+def slice_meshes(looks: tuple[Painted, ...], slice_planes: tuple[str, ...]) -> tuple[Mesh, ...]:
     """The planes in space of layers, as `splatgl render` draws them; the latest are cached."""
     if not slice_planes:
         return ()
@@ -127,45 +126,3 @@ def shares(index: np.ndarray, volume: Volume) -> Triple:
     sizes = np.array(volume.shape[::-1])
     x, y, z = ((np.clip(index, -0.49, sizes - 0.51) + 0.5) / sizes).tolist()
     return x, y, z
-
-
-@dataclass(frozen=True, eq=False)
-class TurnedPane:
-    """A turned slice in the window. axis: of the grid, that it is of; room: of the pane; box: of the slice; left, top,
-    right, bottom, pixels.
-    """
-
-    axis: int
-    plane: SlicePlane
-    room: tuple[float, float, float, float]
-    box: tuple[float, float, float, float]
-
-    def holds(self, place: tuple[float, float]) -> bool:
-        """Whether a pixel is inside the pane."""
-        return self.room[0] <= place[0] < self.room[2] and self.room[1] <= place[1] < self.room[3]
-
-    @property
-    def pitch(self) -> float:
-        """Side of a pixel, world units."""
-        low, high = self.plane.box
-        return float((high[0] - low[0]) / (self.box[2] - self.box[0]))
-
-    @property
-    def grid(self) -> tuple[np.ndarray, tuple[float, float], tuple[int, int]]:
-        """Low end, sides of a pixel and size of the slice's raster, as of `SlicePlane.raster`."""
-        left, top, right, bottom = self.box
-        size = max(round(right - left), 1), max(round(bottom - top), 1)
-        low, high = self.plane.box
-        across, down = ((high - low) / size).tolist()
-        return low, (across, down), size
-
-    def point(self, place: tuple[float, float]) -> np.ndarray:
-        """World point [3] at a pixel."""
-        along = self.plane.box[0] + (np.array(place) - self.box[:2]) * self.pitch
-        return np.asarray(self.plane.point + along[0] * self.plane.right + along[1] * self.plane.down)
-
-    def pixel(self, point: np.ndarray) -> tuple[float, float]:
-        """Pixel of a world point [3], seen along the normal."""
-        away = point - self.plane.point
-        x, y = (np.array([away @ self.plane.right, away @ self.plane.down]) - self.plane.box[0]) / self.pitch
-        return float(x + self.box[0]), float(y + self.box[1])

@@ -12,39 +12,27 @@ import numpy as np
 from splatgl.annotations.axes import letters
 from splatgl.annotations.canvas import clip_segments
 from splatgl.annotations.text import label
-from splatgl.data.volume import Triple, Volume
+from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.scene.meshes import is_mesh
 from splatgl.splat.camera import Camera
 from splatgl.splat.settings import BLENDS
 from splatgl.splat.slice_images import Painter
-from splatgl.splat.slices import ANATOMY, pane_axes, world_axes
+from splatgl.splat.slices import ANATOMY, SlicePlane, world_axes
 from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.oblique import (
     STRAIGHT,
     Turn,
-    TurnedPane,
     middle,
     normals,
     planes,
-    shares,
     turned,
     with_slices,
     with_turn,
 )
 from splatgl.viewer.segments import segment_name
-from splatgl.viewer.slice_pixels import (
-    colored_pixels,
-    grey_pixels,
-    layer_looks,
-    layer_painter,
-    painted_pixels,
-    read_slice,
-    thin_out,
-    turned_pixels,
-    window_of,
-)
+from splatgl.viewer.slice_pixels import layer_looks, layer_painter
 from splatgl.viewer.state import Slices
 from splatgl.viewer.tool import Place, Pointer, Tool, View
 from splatgl.viewer.trackball import project_segment
@@ -62,16 +50,14 @@ WIDEST = 0.5
 MARGIN = 6.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pane:
-    """A slice in the window. axis: of the grid, across it; across, down: along its rows and columns; back: whether the
-    index grows to the left, and upwards. room: of the pane; box: of the slice; left, top, right, bottom, pixels.
+    """A slice in the window. axis: of the grid, that it is of; room: of the pane; box: of the slice; left, top, right,
+    bottom, pixels.
     """
 
     axis: int
-    across: int
-    down: int
-    back: tuple[bool, bool]
+    plane: SlicePlane
     room: Box
     box: Box
 
@@ -79,22 +65,41 @@ class Pane:
         """Whether a pixel is inside the pane."""
         return self.room[0] <= place[0] < self.room[2] and self.room[1] <= place[1] < self.room[3]
 
-    def index(self, place: tuple[float, float], index: Sequence[float], volume: Volume) -> list[float]:
-        """The index (x, y, z) at a pixel, in the slice at `index`."""
-        position, sizes = list(index), volume.shape[::-1]
-        for side, axis in enumerate((self.across, self.down)):
-            share = (place[side] - self.box[side]) / (self.box[side + 2] - self.box[side])
-            position[axis] = (1.0 - share if self.back[side] else share) * sizes[axis] - 0.5
-        return position
+    @property
+    def pitch(self) -> float:
+        """Side of a pixel, world units."""
+        low, high = self.plane.box
+        return float((high[0] - low[0]) / (self.box[2] - self.box[0]))
 
-    def place(self, index: Sequence[float], volume: Volume) -> tuple[float, float]:
-        """Pixel of the middle of a voxel (x, y, z) in the slice."""
-        pixel, sizes = [], volume.shape[::-1]
-        for side, axis in enumerate((self.across, self.down)):
-            share = (index[axis] + 0.5) / sizes[axis]
-            share = 1.0 - share if self.back[side] else share
-            pixel.append(self.box[side] + share * (self.box[side + 2] - self.box[side]))
-        return pixel[0], pixel[1]
+    def pixels(self, painter: Painter) -> np.ndarray:
+        """Pixels uint8 [H, W, 4] of the slice, clear beside the volumes: the voxels of the only layer, at most about
+        two per pixel along each side, if the plane contains their middles; else the window's pixels.
+        """
+        low, high = self.plane.box
+        sides = np.subtract(self.box[2:], self.box[:2])
+        start, size = low, np.maximum(np.rint(sides), 1)
+        pitch = (high - low) / size
+        if len(painter.layers) == 1:
+            voxel = 1 / painter.density(self.plane)
+            count = np.rint((high - low) / voxel)
+            step = np.maximum(count // (2 * sides), 1)
+            first, wide = low + (1 - step) / 2 * voxel, (step * voxel).tolist()
+            across, down = np.ceil(count / step).astype(int).tolist()
+            raster = self.plane.raster(painter.layers[0].volume, first, wide, (across, down))
+            if raster.is_whole:
+                return painter.screen(self.plane, first, (wide[0], wide[1]), (across, down))
+        return painter.screen(self.plane, start, (pitch[0], pitch[1]), (int(size[0]), int(size[1])))
+
+    def point(self, place: tuple[float, float]) -> np.ndarray:
+        """World point [3] at a pixel."""
+        along = self.plane.box[0] + (np.array(place) - self.box[:2]) * self.pitch
+        return np.asarray(self.plane.point + along[0] * self.plane.right + along[1] * self.plane.down)
+
+    def pixel(self, point: np.ndarray) -> tuple[float, float]:
+        """Pixel of a world point [3], seen along the normal."""
+        away = point - self.plane.point
+        x, y = (np.array([away @ self.plane.right, away @ self.plane.down]) - self.plane.box[0]) / self.pitch
+        return float(x + self.box[0]), float(y + self.box[1])
 
 
 def column_width(window: tuple[int, int], shown: bool) -> int:
@@ -107,19 +112,16 @@ def slice_up(document: Document) -> np.ndarray:
     return np.asarray(document.scene.view.slice_up(document.volume.hints), dtype=np.float64)
 
 
-def panes(volume: Volume, up: np.ndarray, window: tuple[int, int], scale: float = 1.0) -> tuple[Pane, ...]:
+def panes(
+    slices: Slices, volume: Volume, up: np.ndarray, window: tuple[int, int], scale: float = 1.0
+) -> tuple[Pane, ...]:
     """Panes of the slices across z, y and x of the world, downwards, at the right of the window. up: of the scene."""
-    wide, world = column_width(window, True), world_axes(volume)
+    wide, world, across = column_width(window, True), world_axes(volume), planes(slices, volume, up)
     made = []
-    for number, normal in enumerate((2, 1, 0)):
-        (right, right_sign), (down, down_sign) = pane_axes(volume.frame, normal, up)
-        axis, across, along = world.index(normal), world.index(right), world.index(down)
-        columns = volume.world_from_index
-        back = bool(columns[right, across] * right_sign < 0), bool(columns[down, along] * down_sign < 0)
-        top, bottom = number * window[1] / 3, (number + 1) * window[1] / 3
-        room = float(window[0] - wide), top, float(window[0]), bottom
-        sides = [float(np.linalg.norm(columns[:, side]) * volume.shape[2 - side]) for side in (across, along)]
-        made.append(Pane(axis, across, along, back, room, _fit_box(room, sides, MARGIN * scale)))
+    for number, axis in enumerate(world.index(normal) for normal in (2, 1, 0)):
+        room = float(window[0] - wide), number * window[1] / 3, float(window[0]), (number + 1) * window[1] / 3
+        low, high = across[axis].box
+        made.append(Pane(axis, across[axis], room, _fit_box(room, (high - low).tolist(), MARGIN * scale)))
     return tuple(made)
 
 
@@ -165,20 +167,7 @@ class SliceTool(Tool):
         """The visible slices."""
         if not state.slices.shown or document.is_loading:
             return ()
-        return panes(document.volume, slice_up(document), view.size, view.scale)
-
-    def turned_panes(self, state: State, document: Document, view: View) -> tuple[TurnedPane, ...]:
-        """The planes of the visible slices, in the order of their panes."""
-        up, volume = slice_up(document), document.volume
-        across = planes(state.slices, volume, up)
-        made = []
-        for pane in self.panes(state, document, view):
-            plane = across[pane.axis]
-            low, high = plane.box
-            made.append(
-                TurnedPane(pane.axis, plane, pane.room, _fit_box(pane.room, (high - low).tolist(), MARGIN * view.scale))
-            )
-        return tuple(made)
+        return panes(state.slices, document.volume, slice_up(document), view.size, view.scale)
 
     def _pane(self, state: State, document: Document, view: View, place: Place) -> Pane | None:
         return next((pane for pane in self.panes(state, document, view) if pane.holds(place)), None)
@@ -188,14 +177,12 @@ class SliceTool(Tool):
         pane = self._pane(state, document, view, pointer.place)
         if pane is None or pointer.button != "left":
             return None if pane is None else state
-        volume = document.volume
-        shown = next(each for each in self.turned_panes(state, document, view) if each.axis == pane.axis)
-        dots = [dot for _, dot in turn_dots(shown, state.slices, volume)]
+        dots = [dot for _, dot in turn_dots(pane, state.slices, document.volume)]
         if min(np.hypot(*np.subtract(dot, pointer.place)) for dot in dots) <= NEAR * view.scale:
-            self.turning = Turning(shown, _angle(shown, pointer.place), state.slices.turn)
+            self.turning = Turning(pane, _angle(pane, pointer.place), state.slices.turn)
             return state
         self.dragged = pane.axis
-        return _link_slices(state, document, shown, pane, pointer.place)
+        return _link_slices(state, document, pane, pointer.place)
 
     def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
         """Drags the other two slices, or turns them."""
@@ -204,9 +191,8 @@ class SliceTool(Tool):
             return with_slices(state, with_turn(state.slices, turn, document.volume), document.volume)
         if self.dragged is None:
             return None
-        both = zip(self.turned_panes(state, document, view), self.panes(state, document, view), strict=True)
-        found = next(((shown, pane) for shown, pane in both if pane.axis == self.dragged), None)
-        return state if found is None else _link_slices(state, document, *found, pointer.place)
+        found = next((pane for pane in self.panes(state, document, view) if pane.axis == self.dragged), None)
+        return state if found is None else _link_slices(state, document, found, pointer.place)
 
     def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
         """Ends the drag."""
@@ -248,14 +234,15 @@ class SliceTool(Tool):
         left = visible[0].room[0]
         sprites = [Sprite(BACKGROUND, (left, 0.0, float(view.size[0]), float(view.size[1])))]
         strokes, labels = list[Stroke](), list[Sprite]()
-        is_straight = state.slices.turn == STRAIGHT
-        for pane, shown in zip(visible, self.turned_panes(state, document, view), strict=True):
-            pixels = self._pixels(pane, shown, state, document)
+        looks = layer_looks(document.pool, state.styles)
+        is_only = len(looks) == 1 and looks[0].volume is volume
+        painter = layer_painter(looks, state.slices.colored, is_only)
+        for pane in visible:
+            pixels = self._pixels(pane, state.slices, painter, volume)
             if pixels is not None:
-                sprites.append(Sprite(pixels, pane.box if is_straight else shown.box, smooth=is_straight))
-            name = _title(pane, state.slices, volume)
-            labels += _labels(name, shown, volume, scale)
-            strokes += _cross(shown, state.slices, volume, scale)
+                sprites.append(Sprite(pixels, pane.box, smooth=state.slices.turn == STRAIGHT))
+            labels += _labels(_title(pane, state.slices, volume), pane, volume, scale)
+            strokes += _cross(pane, state.slices, volume, scale)
         values = slice_values(state, document, int((view.size[0] - left) / LETTER / scale))
         if values:
             corner = left + GAP * scale, view.size[1] - GAP * scale
@@ -275,51 +262,31 @@ class SliceTool(Tool):
             raise InputError(f"{why}; hide the slices to save the picture alone")
         return marks
 
-    def _pixels(self, pane: Pane, shown: TurnedPane, state: State, document: Document) -> np.ndarray | None:
-        """Pixels of a slice of all visible layers; where samples are read in parts, or planes are large, the previous
-        ones until a thread has made them.
+    def _pixels(self, pane: Pane, slices: Slices, painter: Painter, volume: Volume) -> np.ndarray | None:
+        """Pixels of a slice of all visible layers; where samples are read in parts, or planes of several layers are
+        large, the previous ones until a thread has made them.
         """
-        volume, transfer, colored = document.volume, state.styles[0].stated, state.slices.colored
-        index = state.slices.index(volume)[pane.axis]
-        looks = layer_looks(document.pool, state.styles)
-        volumes = [shown_volume for shown_volume, _, _ in looks]
-        painter = None if volumes == [volume] else layer_painter(looks, colored)
-        look = painter or (transfer if colored or transfer.labels else window_of(transfer))
-        logarithmic = transfer.logarithmic
-        is_straight = state.slices.turn == STRAIGHT
-        place = index if is_straight else (state.slices.turn, state.slices.place)
-        key: Key = (volume, place, look, logarithmic, pane.box)
+        index = slices.index(volume)[pane.axis]
+        place = index if slices.turn == STRAIGHT else (slices.turn, slices.place)
+        key: Key = (volume, place, painter, pane.box)
         known = self.drawn.get(pane.axis)
         if known is not None and known[0] == key:
             self.failed.pop(pane.axis, None)
-            return known[1]
-
-        def work() -> tuple[int, Key, np.ndarray]:
-            if isinstance(look, Painter):
-                return pane.axis, key, painted_pixels(look, shown)
-            if not is_straight:
-                return pane.axis, key, turned_pixels(volume, shown, look, logarithmic)
-            if volume.color is not None:
-                rgb = thin_out(read_slice(volume.color, pane, index), pane)
-                return pane.axis, key, np.dstack([rgb, np.full(rgb.shape[:2], 255, np.uint8)])
-            values = thin_out(read_slice(volume.samples, pane, index), pane)
-            shade = grey_pixels(values, look, logarithmic) if isinstance(look, tuple) else colored_pixels(values, look)
-            return pane.axis, key, shade
-
-        if _are_quick(volumes, look):
-            self.drawn[pane.axis] = key, work()[2]
+        elif _are_quick(painter):
+            self.drawn[pane.axis] = key, pane.pixels(painter)
         elif pane.axis in self.failed and self.failed[pane.axis][0] == key:
             return None
         elif not self.waiting:
             self.waiting[pane.axis] = key
-            self.jobs.submit(Kind.SLICE, "reading a slice", work)
+            self.jobs.submit(Kind.SLICE, "reading a slice", lambda: (pane.axis, key, pane.pixels(painter)))
         latest = self.drawn.get(pane.axis)
         return None if latest is None else latest[1]
 
 
-def _are_quick(volumes: Sequence[Volume], look: object) -> bool:
-    """Whether a slice of volumes takes no longer than a frame."""
-    is_small = not isinstance(look, Painter) or all(each.count / min(each.shape) <= QUICK for each in volumes)
+def _are_quick(painter: Painter) -> bool:
+    """Whether a slice takes no longer than a frame."""
+    volumes = [layer.volume for layer in painter.layers]
+    is_small = len(volumes) < 2 or all(each.count / min(each.shape) <= QUICK for each in volumes)
     return is_small and all(isinstance(each.samples, np.ndarray) for each in volumes)
 
 
@@ -349,7 +316,7 @@ def _cut(name: str, most: int) -> str:
 class Turning:
     """Drag that turns the other slices about the normal of a pane's. angle: of the press, degrees; turn: before it."""
 
-    pane: TurnedPane
+    pane: Pane
     angle: float
     turn: Turn
 
@@ -358,13 +325,13 @@ class Turning:
         return turned(self.turn, self.pane.plane.normal, _angle(self.pane, place) - self.angle)
 
 
-def _angle(pane: TurnedPane, place: Place) -> float:
+def _angle(pane: Pane, place: Place) -> float:
     """Angle of a pixel around the common point, degrees, from the right to below."""
     x, y = np.subtract(place, pane.pixel(pane.plane.point))
     return float(np.degrees(np.arctan2(y, x)))
 
 
-def turn_dots(pane: TurnedPane, slices: Slices, volume: Volume) -> list[tuple[int, Place]]:
+def turn_dots(pane: Pane, slices: Slices, volume: Volume) -> list[tuple[int, Place]]:
     """The pixels of a pane that a drag turns the other slices by, with the axes of these."""
     across, here = normals(slices, volume), np.array(pane.pixel(pane.plane.point))
     reach = REACH * min(pane.room[2] - pane.room[0], pane.room[3] - pane.room[1])
@@ -382,22 +349,15 @@ def move_slice(slices: Slices, axis: int, steps: int, volume: Volume) -> Slices:
     if slices.turn == STRAIGHT:
         return slices.moved(axis, steps, volume)
     point = middle(slices, volume) + steps * volume.spacing[axis] * normals(slices, volume)[axis]
-    return replace(slices, place=_shares_of(point, volume))
+    return slices.through(point, volume)
 
 
-def _shares_of(point: np.ndarray, volume: Volume) -> Triple:
-    return shares(np.linalg.solve(volume.world_from_index, point - np.asarray(volume.origin)), volume)
-
-
-def _link_slices(state: State, document: Document, shown: TurnedPane, pane: Pane, place: Place) -> State:
+def _link_slices(state: State, document: Document, pane: Pane, place: Place) -> State:
     """The state with the other two slices at a place in a pane."""
-    slices, volume = state.slices, document.volume
-    if slices.turn != STRAIGHT:
-        return with_slices(state, replace(slices, place=_shares_of(shown.point(place), volume)), volume)
-    return with_slices(state, slices.at(pane.index(place, slices.index(volume), volume), volume), volume)
+    return with_slices(state, state.slices.through(pane.point(place), document.volume), document.volume)
 
 
-def _cross(pane: TurnedPane, slices: Slices, volume: Volume, scale: float) -> list[Stroke]:
+def _cross(pane: Pane, slices: Slices, volume: Volume, scale: float) -> list[Stroke]:
     """Lines where the two other slices cut a slice, with the dots that turn them, and its outline."""
     thin, corners = LINE * scale, [pane.pixel(point) for point in pane.plane.corners]
     ends = zip(corners, [*corners[1:], corners[0]], strict=True)
@@ -423,7 +383,7 @@ def _title(pane: Pane, slices: Slices, volume: Volume) -> str:
     return f"{name} {slices.index(volume)[pane.axis]}" if slices.turn == STRAIGHT else f"{name} turned"
 
 
-def _labels(name: str, pane: TurnedPane, volume: Volume, scale: float) -> list[Sprite]:
+def _labels(name: str, pane: Pane, volume: Volume, scale: float) -> list[Sprite]:
     """Name of a slice, and letters of directions at its edges."""
     left, top, right, bottom = pane.room
     gap, middle = GAP * scale, ((left + right) / 2, (top + bottom) / 2)

@@ -90,7 +90,10 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "ruler": asdict(state.ruler),
         "measures": [asdict(measure) for measure in state.measures],
         "slices": asdict(state.slices),
-        "panes": [asdict(pane) for pane in viewer.slices.panes(state, viewer.document, viewer.view)],
+        "panes": [
+            {"axis": pane.axis, "box": pane.box, "room": pane.room}
+            for pane in viewer.slices.panes(state, viewer.document, viewer.view)
+        ],
         "fullscreen": viewer.window.before is not None,
         "points": state.style.stated.points,
         "window": state.style.stated.window,

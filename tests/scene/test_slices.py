@@ -17,6 +17,7 @@ from splatgl import reference
 from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.scene.scene_file import SceneFile
+from splatgl.splat.slice_images import Painted
 from splatgl.viewer.slice_pixels import layer_painter
 from tests.helpers.meshes import PLAIN, RED, block, cloud, knots
 
@@ -217,7 +218,7 @@ def test_labels_over_slices_have_the_opacity_that_is_asked_for(tmp_path: Path) -
     first = sg.Scene([sg.Layer(volume)]).painter("slice").light(points)[:, :3]
     over = sg.Scene([sg.Layer(volume), sg.Layer(segments)]).painter("slice").light(points)[:, :3]
     assert np.abs(light - (0.7 * first + 0.3 * over)).max() < 1e-9
-    looks = (volume, sg.default_transfer(volume), 1.0), (segments, sg.default_transfer(segments), 0.3)
+    looks = Painted(volume, sg.default_transfer(volume)), Painted(segments, sg.default_transfer(segments), 0.3)
     assert np.abs(layer_painter(looks, colored=True).light(points)[:, :3] - light).max() < 1e-9
     # amounts over amounts, too
     np.save(tmp_path / "more.npy", (y * 8).astype(np.uint8))

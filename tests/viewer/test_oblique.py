@@ -10,12 +10,13 @@ import pytest
 
 import splatgl as sg
 from splatgl.scene.scene_file import SceneFile
+from splatgl.splat.slice_images import Painted
 from splatgl.splat.slices import parse_slices
 from splatgl.viewer.document import Document
-from splatgl.viewer.oblique import STRAIGHT, TurnedPane, middle, normals, planes, slices_of, texts, turned
+from splatgl.viewer.oblique import STRAIGHT, middle, normals, planes, slices_of, texts, turned
 from splatgl.viewer.saving import save_scene, scene_of
-from splatgl.viewer.slice_pixels import turned_pixels
-from splatgl.viewer.slice_views import SliceTool, turn_dots
+from splatgl.viewer.slice_pixels import layer_painter
+from splatgl.viewer.slice_views import Pane, SliceTool, turn_dots
 from splatgl.viewer.state import History, Slices, State
 from splatgl.viewer.tool import Pointer, View
 from tests.helpers.commands import acted
@@ -84,8 +85,9 @@ def test_pixels_of_turned_slices_are_the_field() -> None:
     state_planes = planes(slices, volume, UP)
     low, high = state_planes[2].box
     wide, tall = ((high - low) * 5).tolist()
-    pane = TurnedPane(2, state_planes[2], (0, 0, 200, 200), (10.0, 20.0, 10.0 + wide, 20.0 + tall))
-    pixels = turned_pixels(volume, pane, (0.0, 57.0), False)
+    pane = Pane(2, state_planes[2], (0, 0, 200, 200), (10.0, 20.0, 10.0 + wide, 20.0 + tall))
+    transfer = sg.Transfer(points=[(0.0, 0.0), (57.0, 0.5)])
+    pixels = pane.pixels(layer_painter((Painted(volume, transfer),), False, only=True))
     rows, columns = np.nonzero(pixels[..., 3])
     assert 0.9 < len(rows) / pixels[..., 3].size <= 1
     for row, column in zip(rows[::97], columns[::97], strict=True):
@@ -124,7 +126,7 @@ def test_a_drag_of_a_dot_turns_the_other_slices(document: Document) -> None:
     """By the angle at the common point, whatever the path; the wheel then moves along the normal."""
     state = acted(acted(State.of(document, SIZE), "slices", document), "slices-in-space", document)
     view, tool = View(SIZE), SliceTool(lambda: None)
-    pane = tool.turned_panes(state, document, view)[0]
+    pane = tool.panes(state, document, view)[0]
     _, dot = turn_dots(pane, state.slices, document.volume)[0]
     x, y = np.subtract(dot, pane.pixel(pane.plane.point))
     angle = np.radians(20.0)
@@ -141,7 +143,7 @@ def test_a_drag_of_a_dot_turns_the_other_slices(document: Document) -> None:
     assert np.allclose(after[pane.axis], before[pane.axis])
     assert np.allclose(np.delete((after * before).sum(axis=1), pane.axis), np.cos(angle))
     # the line of the other slice goes through the cursor
-    now = tool.turned_panes(moved, document, view)[0]
+    now = tool.panes(moved, document, view)[0]
     ends = [np.array(place) for _, place in turn_dots(now, moved.slices, document.volume)[:2]]
     along, towards = ends[1] - ends[0], far - ends[0]
     assert abs(along[0] * towards[1] - along[1] * towards[0]) / np.linalg.norm(along) < 1.0

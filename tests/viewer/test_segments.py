@@ -14,6 +14,7 @@ from splatgl.cli.main import main
 from splatgl.data.volume import Label
 from splatgl.errors import InputError
 from splatgl.scene.scene_file import SceneFile
+from splatgl.splat.slice_images import Painted
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import describe_pick, under_cursor
 from splatgl.viewer.saving import save_scene, scene_of
@@ -27,8 +28,9 @@ from splatgl.viewer.segments import (
     with_only,
     with_shown,
 )
-from splatgl.viewer.slice_pixels import colored_pixels
-from splatgl.viewer.state import History, State
+from splatgl.viewer.slice_pixels import layer_painter
+from splatgl.viewer.slice_views import panes
+from splatgl.viewer.state import History, Slices, State
 from tests.helpers.commands import acted
 from tests.helpers.window import MISSING, Window, pointed
 
@@ -152,10 +154,11 @@ def test_names_of_segments_are_given_and_checked(
         scene.open()
 
 
-def test_hidden_segments_are_black_in_slices(state: State) -> None:
-    values = np.array([[0, 1, 2, 3]])
-    shown = colored_pixels(values, with_only(state.style, 2).stated)[0, :, :3].tolist()
-    assert shown == [[0, 0, 0], [0, 0, 0], [20, 90, 220], [0, 0, 0]]
+def test_hidden_segments_are_clear_in_slices(state: State) -> None:
+    volume = sg.Volume(np.array([[[0, 1, 2, 3]]], np.uint8))
+    painter = layer_painter((Painted(volume, with_only(state.style, 2).stated),), False, only=True)
+    shown = panes(Slices(), volume, np.eye(3)[2], (300, 300))[0].pixels(painter)[0].tolist()
+    assert shown == [[0] * 4, [0] * 4, [20, 90, 220, 255], [0] * 4]
 
 
 def test_values_alone_have_no_segments() -> None:

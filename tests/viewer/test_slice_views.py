@@ -16,10 +16,11 @@ from splatgl.annotations.axes import letters
 from splatgl.data.color import srgb_from_linear
 from splatgl.gl.screen import Stroke
 from splatgl.scene.scene_file import SceneFile
+from splatgl.splat.slice_images import Painted, Painter
 from splatgl.splat.slices import world_axes
 from splatgl.viewer.document import Document
 from splatgl.viewer.saving import append_slices
-from splatgl.viewer.slice_pixels import colored_pixels, grey_pixels, read_slice, thin_out, window_of
+from splatgl.viewer.slice_pixels import layer_painter
 from splatgl.viewer.slice_views import Pane, SliceTool, clip_strokes, column_width, panes, slice_values
 from splatgl.viewer.state import Slices, State
 from splatgl.viewer.tool import View
@@ -29,21 +30,29 @@ from tests.helpers.window import MISSING, Window, resized
 
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 UP = np.array([0.0, 0.0, 1.0])
+MIDDLE = Slices()
 # letters to the left, right, top and bottom of axial, coronal and sagittal slices, as radiologists have them
 RADIOLOGICAL = (("R", "L", "A", "P"), ("R", "L", "S", "I"), ("A", "P", "S", "I"))
 
 
 def edges(pane: Pane, volume: sg.Volume) -> tuple[str, ...]:
     """The patient's letters at the left, right, top and bottom of a slice."""
-    found = []
-    for side, axis in enumerate((pane.across, pane.down)):
-        towards = volume.world_from_index[:, axis] * (-1 if pane.back[side] else 1)
-        found += [letters(volume.frame, -towards), letters(volume.frame, towards)]
-    return tuple(found)
+    towards = (pane.plane.right, pane.plane.down)
+    return tuple(letters(volume.frame, sign * vector) for vector in towards for sign in (-1, 1))
 
 
-def shown(volume: sg.Volume, up: np.ndarray = UP) -> tuple[Pane, ...]:
-    return panes(volume, up, (1024, 768))
+def shown(volume: sg.Volume, up: np.ndarray = UP, slices: Slices = MIDDLE) -> tuple[Pane, ...]:
+    return panes(slices, volume, up, (1024, 768))
+
+
+def painter(volume: sg.Volume, transfer: sg.Transfer, colored: bool = False) -> Painter:
+    return layer_painter((Painted(volume, transfer),), colored, only=True)
+
+
+def row_of(values: list[float], transfer: sg.Transfer, colored: bool = False) -> list[list[int]]:
+    """Pixels of voxels along x in the slice across z."""
+    volume = sg.Volume(np.array([[values]]))
+    return [list(map(int, pixel)) for pixel in shown(volume)[0].pixels(painter(volume, transfer, colored))[0]]
 
 
 @pytest.mark.parametrize("frame", ["LPS", "RAS"])
@@ -59,30 +68,28 @@ def test_patients_lie_as_radiologists_have_them(frame: str, order: tuple[int, ..
 
 def test_others_lie_as_the_views_from_above_front_and_right() -> None:
     volume = sg.Volume(np.zeros((5, 6, 7), np.uint8))
-    assert [(pane.axis, pane.across, pane.down, pane.back) for pane in shown(volume)] == [
-        (2, 0, 1, (False, True)),
-        (1, 0, 2, (False, True)),
-        (0, 1, 2, (False, True)),
-    ]
+    x, y, z = np.eye(3).tolist()
+
+    def found(up: np.ndarray) -> list[tuple[object, ...]]:
+        return [(each.axis, each.plane.right.tolist(), each.plane.down.tolist()) for each in shown(volume, up)]
+
+    assert found(UP) == [(2, x, [0, -1, 0]), (1, x, [0, 0, -1]), (0, y, [0, 0, -1])]
     # planes of a microscope: y and z point down in all that have them
-    assert [(pane.axis, pane.across, pane.down, pane.back) for pane in shown(volume, -np.eye(3)[1])] == [
-        (2, 0, 1, (False, False)),
-        (1, 0, 2, (False, False)),
-        (0, 2, 1, (False, False)),
-    ]
+    assert found(-np.eye(3)[1]) == [(2, x, y), (1, x, z), (0, z, y)]
 
 
 def test_slices_have_the_volume_s_proportions() -> None:
     volume = sg.Volume(np.zeros((10, 20, 40), np.uint8), spacing=(1.0, 3.0, 2.0))
-    for pane in (*shown(volume), *panes(volume, UP, (200, 900))):
+    for pane in (*shown(volume), *panes(Slices(), volume, UP, (200, 900))):
         left, top, right, bottom = pane.box
-        lengths = [volume.shape[2 - axis] * volume.spacing[axis] for axis in (pane.across, pane.down)]
+        sizes = np.array(volume.shape[::-1]) * volume.spacing
+        lengths = [float(np.abs(vector) @ sizes) for vector in (pane.plane.right, pane.plane.down)]
         assert (right - left) / (bottom - top) == pytest.approx(lengths[0] / lengths[1])
         assert pane.room[0] <= left < right <= pane.room[2] and pane.room[1] <= top < bottom <= pane.room[3]
     # windows of any size
     for window in ((64, 64), (2000, 100), (100, 2000), (1, 1)):
         assert 0 <= column_width(window, True) <= window[0] / 2 and column_width(window, False) == 0
-        assert all(np.isfinite(pane.box).all() for pane in panes(volume, UP, window, 2.0))
+        assert all(np.isfinite(pane.box).all() for pane in panes(Slices(), volume, UP, window, 2.0))
 
 
 @pytest.mark.parametrize("size", [(300, 480), (310, 480), (400, 300), (900, 700)])
@@ -105,19 +112,21 @@ def test_every_pixel_is_the_voxel_that_is_there(
     """The middle of each voxel in a slice is found at its pixel, and its value is in that row and column."""
     direction = np.eye(3)[:, list(order)] * rng.choice([-1, 1], 3)
     volume = sg.Volume(rng.random((4, 5, 6)), direction=direction, spacing=(1.0, 2.0, 0.5), frame=frame)
-    for pane in shown(volume):
-        at = (2, 3, 1)
-        pixels = read_slice(volume.samples, pane, at[pane.axis])
-        rows, columns = pixels.shape
+    slices = Slices().at((2, 3, 1), volume)
+    look = painter(volume, sg.Transfer(points=[(0.0, 0.0), (1.0, 0.5)], window=(0.0, 1.0)))
+    for pane in shown(volume, slices=slices):
+        pixels = pane.pixels(look)
+        rows, columns = pixels.shape[:2]
         left, top, right, bottom = pane.box
         for row, line in enumerate(np.linspace(top, bottom, rows, endpoint=False) + (bottom - top) / rows / 2):
             for number in range(columns):
                 x = left + (number + 0.5) * (right - left) / columns
-                index = pane.index((x, line), at, volume)
-                assert np.allclose(pane.place(index, volume), (x, line))
-                i, j, k = (round(each) for each in index)
-                assert np.allclose(index, (i, j, k)) and index[pane.axis] == at[pane.axis]
-                assert pixels[row, number] == volume.samples[k, j, i]
+                point = pane.point((x, line))
+                assert np.allclose(pane.pixel(point), (x, line))
+                index = np.linalg.solve(volume.world_from_index, point)
+                i, j, k = np.rint(index).astype(int).tolist()
+                assert np.allclose(index, (i, j, k)) and (i, j, k)[pane.axis] == (2, 3, 1)[pane.axis]
+                assert np.abs(pixels[row, number, :3] - volume.samples[k, j, i] * 255).max() < 0.6
 
 
 def test_the_point_stays_in_the_volume() -> None:
@@ -134,24 +143,40 @@ def test_the_point_stays_in_the_volume() -> None:
 
 
 def test_grey_is_the_window() -> None:
-    values = np.array([[-5.0, 0.0, 5.0, 10.0, 99.0, np.nan, np.inf, -np.inf]])
-    assert grey_pixels(values, (0.0, 10.0))[0, :, 0].tolist() == [0, 0, 127, 255, 255, 0, 255, 0]
-    assert (grey_pixels(values, (0.0, 10.0))[..., 3] == 255).all()
-    decades = np.array([[0.0, 1.0, 10.0, 1000.0]])
-    assert grey_pixels(decades, (1.0, 100.0), logarithmic=True)[0, :, 0].tolist() == [0, 0, 127, 255]
+    """What is no number is clear, as in turned slices and in pictures of slices."""
+    decade = sg.Transfer(points=[(0.0, 0.0), (10.0, 0.5)], window=(0.0, 10.0), colormap="hot")
+    found = row_of([-5.0, 0.0, 5.0, 10.0, 99.0, np.nan, np.inf, -np.inf], decade)
+    assert [pixel[0] for pixel in found] == [0, 0, 128, 255, 255, 0, 0, 0]
+    assert [pixel[3] for pixel in found] == [255] * 5 + [0] * 3
+    logs = sg.Transfer(points=[(1.0, 0.0), (100.0, 0.5)], scale="log")
+    assert [pixel[0] for pixel in row_of([0.0, 1.0, 10.0, 1000.0], logs)] == [0, 0, 128, 255]
+    # of one value: a step
     constant = sg.Transfer(points=[(3.0, 0.5)])
-    assert grey_pixels(np.array([[2, 3, 4]]), window_of(constant))[0, :, 0].tolist() == [0, 127, 255]
+    assert [pixel[0] for pixel in row_of([2.0, 3.0, 4.0], constant)] == [0, 255, 255]
 
 
 @pytest.mark.parametrize("scale", ["linear", "log"])
 def test_colors_are_the_transfer_function_s(rng: np.random.Generator, scale: str) -> None:
     transfer = sg.Transfer(points=[(1.0, 0.0), (90.0, 1.0)], colormap="hot", scale=scale)
-    values = rng.uniform(-5 if scale == "linear" else 0.5, 120, (20, 30)).astype(np.float32)
+    values = rng.uniform(-5 if scale == "linear" else 0.5, 120, 600).astype(np.float32)
     exact = srgb_from_linear(transfer.color(values)) * 255
     # the table has enough entries, but where sRGB is steep near black
-    assert np.abs(colored_pixels(values, transfer)[..., :3] - exact).max() < 2.0
-    labels = sg.Transfer(points=[(0.0, 0.0), (2.0, 1.0)], labels=((1, "#ff0000", 1.0), (2, "#0000ff", 1.0)))
-    assert colored_pixels(np.array([[1, 2]]), labels)[0, :, :3].tolist() == [[255, 0, 0], [0, 0, 255]]
+    assert np.abs(np.array(row_of(values.tolist(), transfer, True))[:, :3] - exact).max() < 2.0
+    labels = sg.Transfer(
+        points=[(0.0, 0.0), (2.0, 1.0)], labels=((1, "#ff0000", 1.0), (2, "#0000ff", 1.0), (3, "#00ff00", 0.0))
+    )
+    volume = sg.Volume(np.array([[[1, 2, 3]]], np.uint8))
+    # hidden segments are clear
+    found = shown(volume)[0].pixels(painter(volume, labels))[0].tolist()
+    assert found == [[255, 0, 0, 255], [0, 0, 255, 255], [0, 0, 0, 0]]
+
+
+def test_straight_slices_show_what_masks_keep(rng: np.random.Generator) -> None:
+    """As turned ones do."""
+    values = rng.random((6, 6, 6))
+    volume = sg.Volume(values).masked(sg.Volume((values > 0.5).astype(np.uint8)))
+    pixels = shown(volume)[0].pixels(painter(volume, sg.Transfer(points=[(0.0, 0.0), (1.0, 0.5)])))
+    assert np.array_equal(pixels[::-1, :, 3] > 0, values[3] > 0.5)
 
 
 @dataclass
@@ -178,16 +203,17 @@ class Parts:
 def test_only_the_slice_is_read(rng: np.random.Generator) -> None:
     parts = Parts(rng.random((8, 9, 10)))
     volume = sg.Volume(parts)
+    look = painter(volume, sg.Transfer(points=[(0.0, 0.0), (1.0, 0.5)]))
     for pane in shown(volume):
         parts.reads.clear()
-        assert read_slice(volume.samples, pane, 2).size == volume.count / volume.shape[2 - pane.axis]
+        pane.pixels(look)
         assert parts.reads == [volume.count / volume.shape[2 - pane.axis]]
 
 
 def test_large_slices_are_thinned_out() -> None:
     volume = sg.Volume(np.zeros((4, 3000, 700), np.uint8))
     first = shown(volume)[0]
-    thin = thin_out(read_slice(volume.samples, first, 0), first)
+    thin = first.pixels(painter(volume, sg.Transfer(points=[(0.0, 0.0), (1.0, 0.5)])))
     high, wide = first.box[3] - first.box[1], first.box[2] - first.box[0]
     assert high <= thin.shape[0] <= 4 * high and wide <= thin.shape[1] <= 4 * wide
 
@@ -219,7 +245,8 @@ def slice_colors_at(state: State, document: Document, index: tuple[int, int, int
     tool, view = SliceTool(lambda: None), View((400, 300))
     pane = tool.panes(state, document, view)[0]
     sprite = next(sprite for sprite in tool.marks(state, document, view).sprites if sprite.place == pane.box)
-    (x, y), (left, top, right, bottom) = pane.place(index, document.volume), sprite.place
+    point = document.volume.world_from_index @ np.array(index) + np.asarray(document.volume.origin)
+    (x, y), (left, top, right, bottom) = pane.pixel(point), sprite.place
     high, wide = sprite.pixels.shape[:2]
     found = sprite.pixels[int((y - top) / (bottom - top) * high), int((x - left) / (right - left) * wide)]
     return [int(part) for part in found]
@@ -400,7 +427,7 @@ def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypat
         asked.append(given)
         raise KeyError("chunk")
 
-    monkeypatch.setattr("splatgl.viewer.slice_views.read_slice", plane)
+    monkeypatch.setattr("splatgl.splat.slice_images.sample_raster", plane)
     for _ in range(8):
         marks = tool.marks(state, document, view)
         assert tool.jobs.wait(300.0)
