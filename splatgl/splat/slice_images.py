@@ -117,27 +117,26 @@ class Painter:
 
     def screen(self, plane: SlicePlane, low: np.ndarray, pitch: Pitch, size: tuple[int, int]) -> np.ndarray:
         """uint8 [H, W, 4], sRGB, and 255, or 0 beside the volumes: as `pixels`; of a map or segments by a table."""
-        only, entries = self.layers[0], None
-        if len(self.layers) == 1:
-            volume = level_for(only.volume, min(pitch))
-            values, known = sample_raster(volume, plane.raster(volume, low, pitch, size), only.nearest)
-            if self.is_mapped:
-                entries = (self.places(values, known) * (COLORS - 1) + 0.5).astype(np.intp)
-                table = map_colors(only.transfer.colormap)
-            elif values.dtype.kind in "iu" and int(np.ptp(values)) < COLORS:
-                least = int(values.min())
-                entries, kinds = values.astype(np.intp) - least, np.arange(least, int(values.max()) + 1)
-                table = to_screen(self._join([(kinds, np.ones(kinds.shape, bool))]))
-            light = self._join([(values, known)]) if entries is None else None
+        if len(self.layers) > 1:
+            return to_screen(self.pixels(plane, low, pitch, size))
+        only, volume = self.layers[0], level_for(self.layers[0].volume, min(pitch))
+        values, known = sample_raster(volume, plane.raster(volume, low, pitch, size), only.nearest)
+        if self.is_mapped:
+            entries = (self.places(values, known) * (COLORS - 1) + 0.5).astype(np.intp)
+            table = map_colors(only.transfer.colormap)
+        elif values.dtype.kind in "iu" and int(values.max()) - int(values.min()) < COLORS:
+            kinds = np.arange(int(values.min()), int(values.max()) + 1)
+            entries, table = (
+                values.astype(np.intp) - kinds[0],
+                to_screen(self._join([(kinds, np.ones(len(kinds), bool))])),
+            )
         else:
-            light = self.pixels(plane, low, pitch, size)
-        if light is not None:
-            return to_screen(light)
+            return to_screen(self._join([(values, known)]))
         # four bytes at a time
-        pixels = np.take(table.view(np.uint32)[:, 0], entries, mode="clip")
+        pixels: np.ndarray = np.take(table.view(np.uint32)[:, 0], entries, mode="clip")
         if not known.all():
             pixels[~known] = 0
-        return pixels.view(np.uint8).reshape(*entries.shape, 4)
+        return pixels.view(np.uint8).reshape(*known.shape, 4)
 
     def _join(self, parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         adds = len(self.layers) > 1 and all(layer.glows for layer in self.layers)
