@@ -122,7 +122,10 @@ class Painter:
         only, volume = self.layers[0], level_for(self.layers[0].volume, min(pitch))
         values, known = sample_raster(volume, plane.raster(volume, low, pitch, size), only.nearest)
         if self.is_mapped:
-            entries = (self.places(values, known) * (COLORS - 1) + 0.5).astype(np.intp)
+            place = self.places(values, known)
+            place *= COLORS - 1
+            place += 0.5
+            entries = place.astype(np.intp)
             table = map_colors(only.transfer.colormap)
         elif values.dtype.kind in "iu" and int(values.max()) - int(values.min()) < COLORS:
             kinds = np.arange(int(values.min()), int(values.max()) + 1)
@@ -171,8 +174,15 @@ class Painter:
         if transfer.logarithmic:
             low, high, values = float(np.log(low)), float(np.log(high)), np.log(np.maximum(values, low))
         wide = high - low
-        place = (values - low) / wide if wide > 0 else np.where(values >= low, 1.0, 0.0)
-        return np.where(known, np.clip(place, -FURTHEST, FURTHEST), UNKNOWN)
+        place: np.ndarray = (
+            np.subtract(values, low, dtype=np.float64) if wide > 0 else np.where(values >= low, 1.0, 0.0)
+        )
+        if wide > 0:
+            place /= wide
+        # in place, as for most of the time memory is made
+        np.clip(place, -FURTHEST, FURTHEST, out=place)
+        np.copyto(place, UNKNOWN, where=~known)
+        return place
 
     def mesh(self, plane: SlicePlane, opacity: float) -> Mesh:
         """The part of a plane in the first layer's volume, with its colours."""
