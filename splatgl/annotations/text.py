@@ -148,7 +148,7 @@ def text_box(text: Text, size: tuple[int, int], scale: float) -> tuple[int, int,
     return left, top, left + width, top + height
 
 
-class Block(NamedTuple):
+class TextBlock(NamedTuple):
     """A text in place: cells with their places, font height, margin and size, pixels."""
 
     cells: tuple[tuple[str, float, int], ...]
@@ -166,7 +166,7 @@ def _write(picture: Any, text: Text, overlay: Overlay) -> None:
         picture.paste(NOTE if text.note else TEXT, place, _letters(cell, block.height))
 
 
-def _fit_block(text: Text, size: tuple[int, int], scale: float) -> Block:
+def _fit_block(text: Text, size: tuple[int, int], scale: float) -> TextBlock:
     """The text in one column, or, if it has to fit, in as many columns and as small as needed."""
     if not text.fit:
         return _block(text.lines, FONT * scale, 1)
@@ -178,7 +178,7 @@ def _fit_block(text: Text, size: tuple[int, int], scale: float) -> Block:
 
 
 @lru_cache(maxsize=32)
-def _block(lines: tuple[str, ...], height: float, count: int, gap: float = 0.0) -> Block:
+def _block(lines: tuple[str, ...], height: float, count: int, gap: float = 0.0) -> TextBlock:
     """Lines in columns of equal length; tabs separate cells within a column. gap: lines before a heading."""
     font, pad = load_font(round(height)), max(1, round(PADDING * height / FONT))
     step, columns = round(height * LEADING), _columns(lines, count)
@@ -199,7 +199,7 @@ def _block(lines: tuple[str, ...], height: float, count: int, gap: float = 0.0) 
             y += step
         alone = [ends[0] + font.getlength(row[0]) + pad for row in rows if len(row) == 1]
         right, bottom = max([ends[-1] - pad, *alone]), max(bottom, y + pad)
-    return Block(tuple(cells), round(height), pad, (int(right) + 1, bottom))
+    return TextBlock(tuple(cells), round(height), pad, (int(right) + 1, bottom))
 
 
 def _is_heading(line: str) -> bool:

@@ -30,7 +30,7 @@ ALIKE, MANY = 0.3, 0.01
 
 
 @dataclass(frozen=True)
-class Kind:
+class DifferenceKind:
     """name: a short category for sorting. text: a description with the numbers."""
 
     name: str
@@ -39,28 +39,28 @@ class Kind:
 
 # squares of the largest floats overflow to infinity; no change explains them
 @np.errstate(over="ignore", invalid="ignore")
-def classify_difference(actual: np.ndarray, right: np.ndarray, comparison: Comparison) -> Kind:
+def classify_difference(actual: np.ndarray, right: np.ndarray, comparison: Comparison) -> DifferenceKind:
     """The kind of change between two different images, linear premultiplied [H, W, 4] of one size."""
     a, b = (np.asarray(p, np.float32) for p in (actual, right))
     if comparison.peak != 1:
         a, b = a / np.float32(comparison.peak), b / np.float32(comparison.peak)
     if not a.any() and b.any():
-        return Kind("empty", "empty: every pixel is 0")
+        return DifferenceKind("empty", "empty: every pixel is 0")
     return (
         _few_pixels(a, b, comparison)
         or _offset(a, b)
         or _global_change(a, b)
         or _noise(a, b)
         or _region(a, b, comparison)
-        or Kind("changed", "changed in no way that has a name")
+        or DifferenceKind("changed", "changed in no way that has a name")
     )
 
 
-def _few_pixels(a: np.ndarray, b: np.ndarray, comparison: Comparison) -> Kind | None:
+def _few_pixels(a: np.ndarray, b: np.ndarray, comparison: Comparison) -> DifferenceKind | None:
     count = round(comparison.share_over * comparison.pixels)
     if comparison.box is None or not 0 < count <= FEW_PIXELS or not _mostly_in(a, b, comparison.box):
         return None
-    return Kind("pixels", "one wrong pixel" if count == 1 else f"{count} wrong pixels")
+    return DifferenceKind("pixels", "one wrong pixel" if count == 1 else f"{count} wrong pixels")
 
 
 def _mostly_in(a: np.ndarray, b: np.ndarray, box: tuple[int, int, int, int]) -> bool:
@@ -73,7 +73,7 @@ def _squares(d: np.ndarray) -> float:
     return float(np.vdot(d, d))
 
 
-def _offset(a: np.ndarray, b: np.ndarray) -> Kind | None:
+def _offset(a: np.ndarray, b: np.ndarray) -> DifferenceKind | None:
     """A constant small offset, in sRGB samples or in linear light."""
     a, b = _thin(a), _thin(b)
     visible = (b[..., 3] > 0) & (a[..., 3] > 0)
@@ -87,7 +87,7 @@ def _offset(a: np.ndarray, b: np.ndarray) -> Kind | None:
         middle = float(np.median(d))
         alike = np.mean(np.abs(d - middle) <= max(abs(middle) / 4, 1e-6))
         if HALF_LEVEL / 2 < abs(middle) <= OFFSET_LIMIT and alike >= OFFSET_SHARE:
-            return Kind("offset", f"offset by {255 * middle:+.2g}/255 everywhere ({space})")
+            return DifferenceKind("offset", f"offset by {255 * middle:+.2g}/255 everywhere ({space})")
     return None
 
 
@@ -96,7 +96,7 @@ def _thin(p: np.ndarray) -> np.ndarray:
     return p[::step, ::step]
 
 
-def _global_change(a: np.ndarray, b: np.ndarray) -> Kind | None:
+def _global_change(a: np.ndarray, b: np.ndarray) -> DifferenceKind | None:
     """The best global change, if it explains the difference."""
     x, y = _thin(a), _thin(b)
     whole, left = _squares(x - y), []
@@ -114,16 +114,16 @@ def _global_change(a: np.ndarray, b: np.ndarray) -> Kind | None:
     return kind if ratio <= EXPLAINED**2 else None
 
 
-def _flips(b: np.ndarray) -> Iterator[tuple[Kind, np.ndarray]]:
+def _flips(b: np.ndarray) -> Iterator[tuple[DifferenceKind, np.ndarray]]:
     """Yields candidate moves of all pixels with their results on the reference."""
-    yield Kind("flipped", "flipped upside down"), b[::-1]
-    yield Kind("flipped", "flipped left to right"), b[:, ::-1]
-    yield Kind("flipped", "turned by 180°"), b[::-1, ::-1]
+    yield DifferenceKind("flipped", "flipped upside down"), b[::-1]
+    yield DifferenceKind("flipped", "flipped left to right"), b[:, ::-1]
+    yield DifferenceKind("flipped", "turned by 180°"), b[::-1, ::-1]
     if b.shape[0] == b.shape[1]:
-        yield Kind("flipped", "rows and columns swapped"), b.transpose(1, 0, 2)
+        yield DifferenceKind("flipped", "rows and columns swapped"), b.transpose(1, 0, 2)
 
 
-def _changes(b: np.ndarray, factor: float) -> Iterator[tuple[Kind, np.ndarray]]:
+def _changes(b: np.ndarray, factor: float) -> Iterator[tuple[DifferenceKind, np.ndarray]]:
     """Yields candidate changes of each pixel with their results on the reference. factor: of its colours."""
     alpha = b[..., 3:]
     color = _divide_alpha(b[..., :3], alpha)
@@ -132,18 +132,18 @@ def _changes(b: np.ndarray, factor: float) -> Iterator[tuple[Kind, np.ndarray]]:
         ("gamma: sRGB applied twice, or linear light taken for sRGB's (too light)", encoded * alpha),
         ("gamma: sRGB never applied, or undone twice (too dark)", linear_from_srgb(color) * alpha),
     ):
-        yield Kind("gamma", text), _with_alpha(changed, alpha)
+        yield DifferenceKind("gamma", text), _with_alpha(changed, alpha)
     for text, changed in (
         ("premultiplication: colour multiplied by alpha twice", b[..., :3] * alpha),
         ("premultiplication: colour not multiplied by alpha", color),
         ("premultiplication: sRGB samples multiplied by alpha", linear_from_srgb(encoded * alpha) * alpha),
         ("premultiplication: sRGB samples divided by alpha", linear_from_srgb(_divide_alpha(encoded, alpha)) * alpha),
     ):
-        yield Kind("premultiplication", text), _with_alpha(changed, alpha)
-    yield Kind("alpha", "alpha is lost: over black"), _with_alpha(b[..., :3], np.ones_like(alpha))
-    yield Kind("alpha", "alpha is lost: its colour stayed"), _with_alpha(color, np.ones_like(alpha))
-    yield Kind("channels", "red and blue swapped"), b[..., [2, 1, 0, 3]]
-    yield Kind("brightness", f"colours times {factor:.3g}"), _with_alpha(b[..., :3] * factor, alpha)
+        yield DifferenceKind("premultiplication", text), _with_alpha(changed, alpha)
+    yield DifferenceKind("alpha", "alpha is lost: over black"), _with_alpha(b[..., :3], np.ones_like(alpha))
+    yield DifferenceKind("alpha", "alpha is lost: its colour stayed"), _with_alpha(color, np.ones_like(alpha))
+    yield DifferenceKind("channels", "red and blue swapped"), b[..., [2, 1, 0, 3]]
+    yield DifferenceKind("brightness", f"colours times {factor:.3g}"), _with_alpha(b[..., :3] * factor, alpha)
 
 
 def _divide_alpha(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
@@ -155,7 +155,7 @@ def _with_alpha(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     return np.concatenate([color, alpha], axis=-1).astype(np.float32)
 
 
-def _shift(a: np.ndarray, b: np.ndarray) -> tuple[float, Kind] | None:
+def _shift(a: np.ndarray, b: np.ndarray) -> tuple[float, DifferenceKind] | None:
     """A shift by whole pixels, from the peak of the phase correlation in the image centre."""
     height, width = a.shape[:2]
     top, left = max(0, (height - EXAMINED) // 2), max(0, (width - EXAMINED) // 2)
@@ -174,7 +174,7 @@ def _shift(a: np.ndarray, b: np.ndarray) -> tuple[float, Kind] | None:
         return None
     parts = [_pixels(across, "right", "left"), _pixels(down, "down", "up")]
     text = f"shifted by {' and '.join(part for part in parts if part)}"
-    return _squares(moved - still) / whole, Kind("shifted", text)
+    return _squares(moved - still) / whole, DifferenceKind("shifted", text)
 
 
 def _overlap(p: np.ndarray, down: int, across: int) -> np.ndarray:
@@ -187,7 +187,7 @@ def _pixels(count: int, positive: str, negative: str) -> str:
     return f"{abs(count)} {noun} {positive if count > 0 else negative}" if count else ""
 
 
-def _region(a: np.ndarray, b: np.ndarray, comparison: Comparison) -> Kind | None:
+def _region(a: np.ndarray, b: np.ndarray, comparison: Comparison) -> DifferenceKind | None:
     """A local change: an object is missing, added, or different."""
     if comparison.box is None:
         return None
@@ -206,10 +206,10 @@ def _region(a: np.ndarray, b: np.ndarray, comparison: Comparison) -> Kind | None
         if less * (_edge(a, comparison.box) - _edge(b, comparison.box)) < 0:
             less = 0
     if less < 0:
-        return Kind("missing", f"an object is missing ({size})")
+        return DifferenceKind("missing", f"an object is missing ({size})")
     if less > 0:
-        return Kind("extra", f"an extra object ({size})")
-    return Kind("region", f"a part is changed ({size})")
+        return DifferenceKind("extra", f"an extra object ({size})")
+    return DifferenceKind("region", f"a part is changed ({size})")
 
 
 def _change(now: float, before: float, share: float) -> int:
@@ -230,7 +230,7 @@ def _detail(p: np.ndarray) -> float:
     return float(np.abs(np.diff(p, axis=0)).sum() + np.abs(np.diff(p, axis=1)).sum())
 
 
-def _noise(a: np.ndarray, b: np.ndarray) -> Kind | None:
+def _noise(a: np.ndarray, b: np.ndarray) -> DifferenceKind | None:
     """Many differences, uncorrelated with their neighbours."""
     middle = slice(0, EXAMINED), slice(0, EXAMINED)
     d = (a[middle] - b[middle])[..., :3]
@@ -239,4 +239,4 @@ def _noise(a: np.ndarray, b: np.ndarray) -> Kind | None:
     if squares == 0 or changed < MANY or min(d.shape[:2]) < 2:
         return None
     alike = max(abs(float(np.vdot(d[1:], d[:-1]))), abs(float(np.vdot(d[:, 1:], d[:, :-1])))) / squares
-    return Kind("noise", f"noise of RMS {np.sqrt(squares / d.size):.3g}") if alike < ALIKE else None
+    return DifferenceKind("noise", f"noise of RMS {np.sqrt(squares / d.size):.3g}") if alike < ALIKE else None

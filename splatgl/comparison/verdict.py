@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from splatgl.comparison.compare import EXTRA, NAMES, Comparison, apply_mask, compare, format_size, unite_sizes
-from splatgl.comparison.difference_kinds import Kind, classify_difference
+from splatgl.comparison.difference_kinds import DifferenceKind, classify_difference
 from splatgl.comparison.metrics import WINDOW, find_antialiased
 from splatgl.data.image import Image
 from splatgl.errors import expected
@@ -153,7 +153,7 @@ class Verdict:
     comparison: Comparison
     tolerance: Tolerance
     checks: tuple[Check, ...]
-    kind: Kind | None
+    kind: DifferenceKind | None
     sizes: str = ""
 
     @property
@@ -216,13 +216,13 @@ def judge(
     return Verdict(names[0], names[1], size, comparison, limits, checks, kind)
 
 
-def _driver_noise(comparison: Comparison) -> Kind | None:
+def _driver_noise(comparison: Comparison) -> DifferenceKind | None:
     """The kind of a difference within the limits for other drivers."""
     count = round(comparison.share_over * comparison.pixels)
     if not count or not all(check.ok for check in check_limits(comparison, NOISE["driver"])):
         return None
     text = f"{count} scattered pixels off by up to {comparison.levels:.0f} levels, as between drivers"
-    return Kind("driver", f"{text}; --noise driver allows it")
+    return DifferenceKind("driver", f"{text}; --noise driver allows it")
 
 
 def check_limits(comparison: Comparison, limits: Tolerance) -> tuple[Check, ...]:

@@ -161,7 +161,7 @@ class SliceTool(Tool):
         # keys and reasons of slices that cannot be read: not tried again until slices are hidden
         self.failed: dict[int, tuple[Key, str]] = {}
         self.dragged: int | None = None
-        self.turning: Turning | None = None
+        self.turning: SliceTurn | None = None
 
     def panes(self, state: State, document: Document, view: View) -> tuple[Pane, ...]:
         """The visible slices."""
@@ -179,7 +179,7 @@ class SliceTool(Tool):
             return None if pane is None else state
         dots = [dot for _, dot in turn_dots(pane, state.slices, document.volume)]
         if min(np.hypot(*np.subtract(dot, pointer.place)) for dot in dots) <= NEAR * view.scale:
-            self.turning = Turning(pane, _angle(pane, pointer.place), state.slices.turn)
+            self.turning = SliceTurn(pane, _angle(pane, pointer.place), state.slices.turn)
             return state
         self.dragged = pane.axis
         return _link_slices(state, document, pane, pointer.place)
@@ -313,7 +313,7 @@ def _cut(name: str, most: int) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Turning:
+class SliceTurn:
     """Drag that turns the other slices about the normal of a pane's. angle: of the press, degrees; turn: before it."""
 
     pane: Pane
