@@ -66,7 +66,8 @@ class Drawn(NamedTuple):
 class Image:
     """pixels: float32 [H, W, 4], linear, premultiplied, row 0 at the top. info: how the image was rendered. figure: the
     picture without its annotations, and these, for PDF and SVG. bits: 8 or 16 of samples, None of floats. drawn: what
-    `accuracy` compares with; None of files, of blurred pictures, and of copies for other processes.
+    `accuracy` compares with; None of files, of blurred pictures, and of copies for other processes. plan: the
+    `ScenePlan` that drew it; None of files, of volumes in bricks, and of copies for other processes.
     """
 
     pixels: np.ndarray
@@ -74,10 +75,11 @@ class Image:
     figure: Figure | None = None
     bits: int | None = None
     drawn: Drawn | None = field(default=None, repr=False)
+    plan: Any = field(default=None, repr=False)
 
     def __getstate__(self) -> dict[str, object]:
-        """The fields for a copy, without what was drawn, which may be large."""
-        return {**self.__dict__, "drawn": None}
+        """The fields for a copy, without its plan and what was drawn, which may be large."""
+        return {**self.__dict__, "drawn": None, "plan": None}
 
     @cached_property
     def accuracy(self) -> Accuracy:

@@ -138,13 +138,13 @@ class Renderer:
             # a scene has no flow, and is passed to `draw` unchanged
             image = mean(splats, camera, sharp)  # type: ignore[arg-type]
             info = self._scene_info(scene, camera, started)
-            return Image(image.pixels.astype(np.float32), {**image.info, **info})
+            return Image(image.pixels.astype(np.float32), {**image.info, **info}, plan=scene)
         with current(self.ctx):
             check_size(self.ctx, chosen.view.size)
             pixels = self._draw_scene(scene, interrupted)
         info = self._scene_info(scene, camera, started)
         drawn = Drawn(pixels, splats, camera, settings) if motion is None else None
-        return Image(pixels, info | self._error(scene, camera, pixels, verify_bound), drawn=drawn)
+        return Image(pixels, info | self._error(scene, camera, pixels, verify_bound), drawn=drawn, plan=scene)
 
     def plans(
         self, subject: Splats | Scene, camera: Camera, settings: Settings, motion: Motion | None = None
@@ -161,7 +161,7 @@ class Renderer:
             return self._draw(chosen, interrupted=interrupted)
         if not chosen.program.look.blend.ordered:
             pictures = [self._draw(layer, interrupted=interrupted) for layer in scene.layers]
-            return join_pictures(pictures, replace(chosen.settings, background=scene.background))
+            return join_pictures(pictures, scene.settings)
         layers = [(layer.splats, layer) for layer in scene.layers]
         if not scene.meshes:
             return self._guarded(chosen, partial(self.passes.draw_layers, layers, interrupted))
@@ -171,7 +171,7 @@ class Renderer:
     def _scene_info(self, scene: ScenePlan, camera: Camera, started: float) -> dict[str, object]:
         """Provenance of a picture of splats or layers. started: value of `time.perf_counter`."""
         info = self.provenance(scene.first, camera, time.perf_counter() - started)
-        info |= {"notes": scene.notes} if scene.notes else {}
+        info |= {"notes": notes} if (notes := scene.notes) else {}
         if scene.is_single:
             return info
         splats = [layer.splats for layer in scene.layers]
@@ -180,7 +180,7 @@ class Renderer:
             "layers": [layer.name for layer in splats],
             "splats": sum(map(len, splats)),
             "triangles": sum(map(len, scene.meshes)),
-            "background": None if scene.background is None else list(scene.background),
+            "background": None if scene.settings.ground is None else list(scene.settings.ground),
         }
 
     def _error(self, scene: ScenePlan, camera: Camera, pixels: np.ndarray, verify: bool) -> dict[str, object]:

@@ -291,14 +291,15 @@ def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, ho
 
     check_input(subject, camera, settings, how.check, how.check_field)
     with how.renderer() as renderer:
+        image = renderer.render(subject, camera, settings)
         if how.explain:
-            print(renderer.plans(subject, camera, settings).explain())
-        image = _compared(renderer.render(subject, camera, settings), how)
+            print(image.plan.explain())
+        image = _compared(image, how)
         if how.explain:
             image = image.with_accuracy()
             print(f"{replace(image, drawn=None).accuracy}, against the float64 reference of the same splats")
         if how.savings:
-            print("\n".join(measure_savings(renderer, renderer.plans(subject, camera, settings).first)))
+            print("\n".join(measure_savings(renderer, image.plan.first)))
     return image
 
 

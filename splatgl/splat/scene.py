@@ -389,19 +389,30 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class ScenePlan:
-    """Plans of the layers of a picture, and its meshes. notes: on the meshes, and on settings without effect.
-    background: of the picture.
+    """Plans of the layers of a picture, and its meshes. is_moving: whether its motion is known.
+    told: those on the meshes. settings: of the picture.
     """
 
     layers: tuple[Plan, ...]
+    settings: Settings
     meshes: tuple[Mesh, ...] = ()
-    notes: tuple[str, ...] = ()
-    background: tuple[float, float, float] | None = None
+    told: tuple[str, ...] = ()
+    is_moving: bool = False
 
     @property
     def is_single(self) -> bool:
         """Whether the picture shows a single layer and no mesh: only then an error bound is known."""
         return len(self.layers) == 1 and not self.meshes
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on the meshes, and on settings without effect."""
+        return (*self.told, *unused_settings(self.layers, self.settings, bool(self.meshes), self.is_moving))
+
+    @property
+    def notes_in_motion(self) -> tuple[str, ...]:
+        """`notes`, but for those on settings of motion blur, which have an effect once something moves."""
+        return replace(self, is_moving=True).notes
 
     @property
     def first(self) -> Plan:
@@ -431,7 +442,7 @@ def plan_scene(
     is_moving = motion is not None
     if len(layers) == 1 and not meshes:
         alone = plan(layers[0][0], camera, layers[0][1], motion, tiles)
-        return ScenePlan((alone,), notes=unused_settings([alone], settings, is_moving=is_moving))
+        return ScenePlan((alone,), settings, is_moving=is_moving)
     changes: dict[str, Any] = {}
     if motion is not None and not motion.still:
         check_blur_supported("of layers", settings, motion.flow is not None)
@@ -451,8 +462,7 @@ def plan_scene(
         allowed = min(layer.resolved.allowed for layer in plans)
         lit = with_shared_casters([replace(layer.resolved, allowed=allowed) for layer in plans], pairs)
         plans = tuple(replace(layer, resolved=resolved) for layer, resolved in zip(plans, lit, strict=True))
-    notes = (*subject.notes, *unused_settings(plans, settings, bool(meshes), is_moving))
-    return ScenePlan(plans, meshes, notes, settings.ground)
+    return ScenePlan(plans, settings, meshes, subject.notes, is_moving)
 
 
 def count_layer_moments(

@@ -16,10 +16,10 @@ from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen, ScreenStyle
 from splatgl.scene.draw import print_lines
 from splatgl.splat.camera import Camera
-from splatgl.splat.culling import FAITHFUL, eye_is_outside
+from splatgl.splat.culling import FAITHFUL, clip_behind_eye, eye_is_outside
 from splatgl.splat.motion import Motion
-from splatgl.splat.plan import Plan
-from splatgl.splat.resolve import has_streaks
+from splatgl.splat.plan import Blurred
+from splatgl.splat.resolve import Resolved, has_streaks, select_splats
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats, as_points
 from splatgl.viewer import hud
@@ -160,17 +160,18 @@ class FrameRenderer:
         # the classification of the extracted splats
         requested = state.settings.but(motion=state.blur, classification="auto")
         first, layered = document.drawn_layers[0], document.is_layered
-        chosen = self.renderer.plan(first.finest, state.pose.camera, requested)
-        splats = first.at(level.stride) if layered else _visible_splats(state, first, level, chosen)
+        whole = clip_behind_eye(select_splats(first.finest, requested, False, state.pose.camera), state.pose.camera)
+        resolved = Resolved.of(whole, state.pose.camera, requested)
+        splats = first.at(level.stride) if layered else _visible_splats(state, first, level, resolved)
         # neither the reference nor layers are tinted
         tint = state.show_zk and state.compare == "off" and not layered
-        z_k = chosen.resolved.z_k
+        z_k = resolved.z_k
         if tint and not first.is_post_classified:
             splats = tint_splats(splats, camera, z_k)
         # the light of reconstructed values is tinted in the picture, before the background
         settings = level.settings(requested.but(background=None) if tint and first.is_post_classified else requested)
         motion = self._motion(state, camera, started - self.begun, layered) if gliding else None
-        if motion is not None and self.renderer.plan(splats, camera, settings, motion).moments > MOMENTS:
+        if motion is not None and Blurred.of(splats, camera, settings, motion, []).moments > MOMENTS:
             settings = settings.but(moments=MOMENTS)
         matter, drawn_with = document.subject_at(level.stride, settings) if layered else (splats, settings)
         draw = partial(self.renderer.render, verify_bound=False, interrupted=interrupted)
@@ -180,7 +181,7 @@ class FrameRenderer:
         if level == FULL and document.scene.settings != self.noted:
             self.noted = document.scene.settings
             # what blurs motion is of use once the view turns
-            print_lines(self.renderer.plans(matter, camera, drawn_with, Motion()).notes, False)
+            print_lines(image.plan.notes_in_motion, False)
         if tint and first.is_post_classified:
             pixels = tint_light(pixels, render(splats_before(splats, camera, z_k)).pixels)
         pinned = None if state.beside is None else self._draw_pinned(state.beside, camera, level, interrupted)
@@ -199,9 +200,8 @@ class FrameRenderer:
             self.screen.put("picture", np.hstack([self.pixels, pinned * factor]))
         beyond = partial(share_beyond, first.sample, state.pose.camera, z_k)
         hidden = len(first.at(level.stride)) - len(splats)
-        drawn_by = self.renderer.plan(splats, camera, settings, motion)
         blurred = "motion" in image.info
-        self.frame = Frame(image.info, seconds, level, drawn_by, beyond, hidden, blurred, whole=self.whole)
+        self.frame = Frame(image.info, seconds, level, image.plan.first, beyond, hidden, blurred, whole=self.whole)
         return self.frame
 
     def _draw_pinned(self, pinned: Pinned, camera: Camera, level: Level, interrupted: Ask | None) -> np.ndarray:
@@ -327,15 +327,13 @@ class FrameRenderer:
         return Overlay(size, scale, tuple(texts), paths)
 
 
-def _visible_splats(state: State, layer: LayerSplats, level: Level, chosen: Plan) -> Splats:
+def _visible_splats(state: State, layer: LayerSplats, level: Level, resolved: Resolved) -> Splats:
     """The splats to draw: all, or only the visible ones where the result is equally good."""
     shell = layer.shell(level.stride)
     # clip planes expose the inside
-    fits = (
-        chosen.program.look.blend.ordered and not state.settings.clip and eye_is_outside(shell, state.pose.camera.eye)
-    )
+    fits = resolved.look.blend.ordered and not state.settings.clip and eye_is_outside(shell, state.pose.camera.eye)
     if level == FULL:
-        fits = fits and not chosen.program.seen.antialias and state.settings.tolerance > FAITHFUL
+        fits = fits and not resolved.view.antialias and state.settings.tolerance > FAITHFUL
     return shell if fits else layer.at(level.stride)
 
 
