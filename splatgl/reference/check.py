@@ -14,6 +14,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import ceil
 from typing import Any, Self
 from zlib import crc32
@@ -26,11 +27,11 @@ from splatgl.data.color import light_of_display, srgb_from_linear
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.reference.field import kept_field_integral
-from splatgl.reference.renderer import reachable, reachable_of, render_pixels, render_pixels_of
+from splatgl.reference.renderer import reachable, reachable_of, render_pixels, render_pixels_of, resolve_scene
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.camera import Camera
 from splatgl.splat.resolve import select_splats, why_classified_before
-from splatgl.splat.scene import Scene
+from splatgl.splat.scene import ResolvedScene, Scene
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 
@@ -73,16 +74,20 @@ def check(
     """
     settings = settings or Settings()
     check_input(splats, camera, settings, amount, field)
+    return (
+        image if amount == 0 else _check(image, splats, resolve_scene(splats, camera, settings), camera, amount, field)
+    )
 
-    def draw(wanted: np.ndarray) -> np.ndarray:
-        return render_pixels(splats, camera, settings, wanted)
 
-    if amount == 0:
-        return image
-    reached = reachable(splats, camera, settings)
-    image, drawn = compare_sample(image, settings, PIXELS if amount is None else amount, draw, reached)
+def _check(
+    image: Image, subject: Scene | Splats, scene: ResolvedScene, camera: Camera, amount: int | float | None, field: bool
+) -> Image:
+    """`check` of a picture of a subject whose settings are resolved, by at least a pixel."""
+    settings, draw = scene.settings, partial(render_pixels, scene, camera)
+    amount = PIXELS if amount is None else amount
+    image, drawn = compare_sample(image, settings, amount, draw, reachable(scene, camera))
     if field and len(drawn):
-        ((layer, look),) = splats.drawn(settings)
+        ((layer, look),) = subject.drawn(settings)
         shown = drawn[_is_visible(image.pixels, settings).ravel()[drawn]]
         shown = shown if len(shown) else drawn
         pixels = shown[np.linspace(0, len(shown) - 1, min(FIELD_PIXELS, len(shown))).astype(int)]
@@ -104,7 +109,10 @@ def compare(image: Image, amount: int | float | None = None, field: bool = False
     plain = replace(image, pixels=pixels)
     if isinstance(subject, Bricks):
         return replace(image, info=check_bricks(plain, subject, camera, settings, amount).info)
-    return replace(image, info=check(plain, subject, camera, settings, amount, field).info)
+    check_input(subject, camera, settings, amount, field)
+    if amount == 0:
+        return image
+    return replace(image, info=_check(plain, subject, image.plan.resolved(camera), camera, amount, field).info)
 
 
 def accuracy_of(image: Image) -> Accuracy:

@@ -7,7 +7,7 @@ approximations: align, footprint, target, tolerance. Slow and exact: the ground 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,6 @@ import numpy as np
 
 from splatgl.coercion import public
 from splatgl.data.image import Image
-from splatgl.data.mesh import Mesh
 from splatgl.errors import expected
 from splatgl.reference.blend import ADD, Band, Part, mean_weights, over_background, pixel_means, pixels
 from splatgl.reference.label_boxes import BoxScene
@@ -43,7 +42,7 @@ from splatgl.splat.lighting import Light, apply_light
 from splatgl.splat.motion_blur import moving_depth
 from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import Resolved, attenuation_form, select_splats, voxel_kernel
-from splatgl.splat.scene import Scene, check_layer, common_samples, join_pictures, with_shared_casters
+from splatgl.splat.scene import ResolvedScene, Scene, check_layer, common_samples, join_pictures, with_shared_casters
 from splatgl.splat.settings import BLENDS, BlendMode, Settings
 from splatgl.splat.splats import Splats, in_parts, record_type
 
@@ -72,73 +71,73 @@ def render(
     """
     started = time.perf_counter()
     settings = settings or Settings()
-    drawings, info = _prepare(splats, camera, settings, row)
+    drawings, info = _prepare(resolve_scene(splats, camera, settings, row), camera, row)
     pictures = [draw_bands(*drawing, progress) for drawing in drawings]
     picture = pictures[0] if len(pictures) == 1 else join_pictures(pictures, settings)
     return Image(picture, {**info, "seconds": round(time.perf_counter() - started, 6)})
 
 
-def render_pixels(splats: Splats | Scene, camera: Camera, settings: Settings, wanted: np.ndarray) -> np.ndarray:
+def render_pixels(scene: ResolvedScene, camera: Camera, wanted: np.ndarray) -> np.ndarray:
     """Some pixels of the image, float64 [P, 4]: to check other images of many splats. wanted [P]: row-major indices."""
-    drawings, _ = _prepare(splats, camera, settings, wanted=wanted)
+    drawings, _ = _prepare(scene, camera, wanted=wanted)
     parts = [_draw_pixels(*drawing, wanted) for drawing in drawings]
-    return parts[0] if len(parts) == 1 else join_pictures(parts, settings)
+    return parts[0] if len(parts) == 1 else join_pictures(parts, scene.settings)
+
+
+def resolve_scene(subject: Splats | Scene, camera: Camera, settings: Settings, row: str = "row1") -> ResolvedScene:
+    """Resolves the settings of all layers. row: of `render`. Raises InputError as `plan_scene` for several layers and
+    meshes.
+    """
+    layers, meshes = subject.drawn(settings), subject.surfaces(settings)
+    is_single, is_ordered = len(layers) == 1 and not meshes, BLENDS[settings.blend].ordered
+    if meshes and not is_ordered:
+        raise expected("meshes", "blend composite", settings.blend)
+    if not is_single:
+        shown = common_samples(layers, camera, settings)
+        layers = shown if is_ordered else [(splats, look.but(background=None)) for splats, look in shown]
+    elif row != "row1":
+        own = {"classification": "pre", "compositing": "splats", "kernel": voxel_kernel(settings)}
+        layers = [(splats, replace(look, **own)) for splats, look in layers]
+    layers = [(clip_behind_eye(select_splats(splats, look, False, camera), camera), look) for splats, look in layers]
+    resolved = [Resolved.of(splats, camera, look) for splats, look in layers]
+    if not is_single and is_ordered:
+        resolved = with_shared_casters(resolved, layers)
+        for (splats, _), one in zip(layers, resolved, strict=True):
+            check_layer(one, splats.name)
+    if is_single and row == EWA:
+        # its filter widens voxels before z_k, too
+        filtered, one = settings.antialias != "off", resolved[0]
+        look = replace(one.look, attenuation=attenuation_form(settings, filtered))
+        resolved = [replace(one, look=look, view=replace(one.view, antialias=filtered))]
+    pairs = ((splats, one) for (splats, _), one in zip(layers, resolved, strict=True))
+    return ResolvedScene(tuple(pairs), settings, meshes)
 
 
 def _prepare(
-    subject: Splats | Scene, camera: Camera, settings: Settings, row: str = "row1", wanted: np.ndarray | None = None
+    scene: ResolvedScene, camera: Camera, row: str = "row1", wanted: np.ndarray | None = None
 ) -> tuple[list[tuple[Drawing, Resolved]], dict[str, object]]:
     """The drawing of the picture; in blends without an order, one of each layer, without background. And the picture's
     info. wanted: the only pixels that are drawn; None: all.
     """
-    layers, meshes = subject.drawn(settings), subject.surfaces(settings)
-    if len(layers) > 1 or meshes:
-        shared = common_samples(layers, camera, settings)
-        chosen = ((select_splats(splats, look, False, camera), look) for splats, look in shared)
-        layers = [(clip_behind_eye(splats, camera), look) for splats, look in chosen]
-        drawings = _prepare_layers(layers, camera, settings, wanted, meshes)
-        names, count = [splats.name for splats, _ in layers], sum(len(splats) for splats, _ in layers)
-        background = None if settings.ground is None else list(settings.ground)
-        info = _provenance(layers[0][0], camera, drawings[0][1], "row1")
-        return drawings, {**info, "background": background, "layers": names, "splats": count}
-    splats, settings = layers[0]
-    if row != "row1":
-        settings = replace(settings, classification="pre", compositing="splats", kernel=voxel_kernel(settings))
-    splats = clip_behind_eye(select_splats(splats, settings, False, camera), camera)
-    resolved = Resolved.of(splats, camera, settings)
-    if row == EWA:
-        # its filter widens voxels before z_k, too
-        filtered = settings.antialias != "off"
-        look = replace(resolved.look, attenuation=attenuation_form(settings, filtered))
-        resolved = replace(resolved, look=look, view=replace(resolved.view, antialias=filtered))
-    scene = _scene(_select_reaching(splats, resolved, wanted), resolved, row)
-    return [(scene, resolved)], _provenance(splats, camera, resolved, row)
-
-
-def _prepare_layers(
-    layers: Sequence[tuple[Splats, Settings]],
-    camera: Camera,
-    settings: Settings,
-    wanted: np.ndarray | None,
-    meshes: Sequence[Mesh],
-) -> list[tuple[Drawing, Resolved]]:
-    if not BLENDS[settings.blend].ordered:
-        if meshes:
-            raise expected("meshes", "blend composite", settings.blend)
-        return [_prepare(splats, camera, look.but(background=None), wanted=wanted)[0][0] for splats, look in layers]
-    resolved = with_shared_casters([Resolved.of(splats, camera, look) for splats, look in layers], layers)
-    for (splats, _), look in zip(layers, resolved, strict=True):
-        check_layer(look, splats.name)
-    near = [(_select_reaching(layer[0], look, wanted), look) for layer, look in zip(layers, resolved, strict=True)]
+    first, resolved = scene.layers[0]
+    row = row if scene.is_single else "row1"
+    info = _provenance(first, camera, resolved, row)
+    if not scene.is_single:
+        names, count = [splats.name for splats, _ in scene.layers], sum(len(splats) for splats, _ in scene.layers)
+        ground = scene.settings.ground
+        info |= {"background": None if ground is None else list(ground), "layers": names, "splats": count}
+    near = [(_select_reaching(splats, one, wanted), one) for splats, one in scene.layers]
+    if scene.is_single or not resolved.look.blend.ordered:
+        return [(_scene(splats, one, row), one) for splats, one in near], info
     shown = [layer for layer in near if len(layer[0])] or near[:1] if wanted is not None else near
     scenes = [BoxScene(*layer) if layer[1].boxes else SheetScene(*layer) for layer in shown]
-    scene = LayerScene(scenes) if len(scenes) > 1 else scenes[0]
-    if not meshes:
-        return [(scene, resolved[0])]
-    light = None
+    drawn = LayerScene(scenes) if len(scenes) > 1 else scenes[0]
+    if not scene.meshes:
+        return [(drawn, resolved)], info
+    light, settings = None, scene.settings
     if settings.shading != "off":
         light = Light.of(settings.light, settings.light_from, settings.shadows > 0, settings.strengths)
-    return [(SurfaceScene(scene, meshes, resolved[0].camera, light), resolved[0])]
+    return [(SurfaceScene(drawn, scene.meshes, resolved.camera, light), resolved)], info
 
 
 def draw_bands(scene: Drawing, resolved: Resolved, progress: Progress | None = None) -> np.ndarray:
@@ -177,16 +176,11 @@ def render_pixels_of(bricks: Bricks, camera: Camera, settings: Settings, wanted:
     return _draw_pixels(_scene(splats, resolved, "row1"), resolved, wanted)
 
 
-def reachable(subject: Splats | Scene, camera: Camera, settings: Settings) -> np.ndarray:
+def reachable(scene: ResolvedScene, camera: Camera) -> np.ndarray:
     """bool [H, W]: pixels that splats may reach; all of them with meshes. The others show the background alone."""
-    if subject.surfaces(settings):
+    if scene.meshes:
         return np.ones(camera.size[::-1], bool)
-    layers = subject.drawn(settings)
-    reached = np.zeros(camera.size[::-1], bool)
-    for splats, look in common_samples(layers, camera, settings) if len(layers) > 1 else layers:
-        chosen = clip_behind_eye(select_splats(splats, look, False, camera), camera)
-        reached |= _reachable(run_boxes(chosen), Resolved.of(chosen, camera, look))
-    return reached
+    return np.any([_reachable(run_boxes(splats), resolved) for splats, resolved in scene.layers], axis=0)
 
 
 def reachable_of(bricks: Bricks, camera: Camera, settings: Settings) -> np.ndarray:

@@ -388,6 +388,22 @@ class Scene:
 
 
 @dataclass(frozen=True, eq=False)
+class ResolvedScene:
+    """Layers of a picture, what of them is in front of the eye with its resolved settings, and meshes. settings: as
+    they were given.
+    """
+
+    layers: tuple[tuple[Splats, Resolved], ...]
+    settings: Settings
+    meshes: tuple[Mesh, ...] = ()
+
+    @property
+    def is_single(self) -> bool:
+        """Whether the picture shows a single layer and no mesh."""
+        return len(self.layers) == 1 and not self.meshes
+
+
+@dataclass(frozen=True, eq=False)
 class ScenePlan:
     """Plans of the layers of a picture, and its meshes. is_moving: whether its motion is known.
     told: those on the meshes. settings: of the picture.
@@ -408,6 +424,11 @@ class ScenePlan:
     def notes(self) -> tuple[str, ...]:
         """Notes on the meshes, and on settings without effect."""
         return (*self.told, *unused_settings(self.layers, self.settings, bool(self.meshes), self.is_moving))
+
+    def resolved(self, camera: Camera) -> ResolvedScene:
+        """The settings that OpenGL has no part in, for the float64 reference; of a still picture by a camera."""
+        layers = tuple((clip_behind_eye(layer.splats, camera), layer.resolved) for layer in self.layers)
+        return ResolvedScene(layers, self.settings, self.meshes)
 
     @property
     def notes_in_motion(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from splatgl.data.scenes import letter_f
 from splatgl.reference import rays
 from splatgl.reference.blend import ADD, Band, Part, Sum, pixel_means
 from splatgl.reference.rays import Boxes, Pixels, pixel_boxes, splats_may_reach
-from splatgl.reference.renderer import render, render_pixels
+from splatgl.reference.renderer import render, render_pixels, resolve_scene
 from splatgl.splat.footprint import ROWS, Splat
 from splatgl.splat.kernels import kernel
 from splatgl.splat.line_integral import row1
@@ -314,7 +314,7 @@ def test_scattered_pixels_are_those_of_the_picture(antialias: str, compositing: 
     whole = render(splats, camera, settings).pixels.reshape(-1, 4)
     random = np.flatnonzero(np.random.default_rng(1).random(320) < 0.1)
     for wanted in (np.array([0, 19, 20, 300, 319]), np.arange(140, 160), random, random[:0]):
-        found = render_pixels(splats, camera, settings, wanted)
+        found = render_pixels(resolve_scene(splats, camera, settings), camera, wanted)
         assert found.shape == (len(wanted), 4) and np.abs(found - whole[wanted]).max(initial=0.0) < 1e-12
     assert np.ptp(whole[random]) > 0.3
 

@@ -25,7 +25,7 @@ from splatgl.gl.large_volumes import render_slabs
 from splatgl.readers import chunked, ome_zarr
 from splatgl.readers.chunked import Chunked
 from splatgl.reference.check import check_bricks, compare_sample
-from splatgl.reference.renderer import reachable, reachable_of, render_pixels
+from splatgl.reference.renderer import reachable, reachable_of, render_pixels, resolve_scene
 from splatgl.splat import bricks as bricking
 from splatgl.splat import opaque_bounds
 from splatgl.splat.bricks import Bricks, bricks_of, required_bricks
@@ -130,11 +130,11 @@ def test_pixels_of_bricks_are_compared_as_those_of_the_whole(
     monkeypatch.setattr(Bricks, "records", lambda self, n: read.add(n) or records(self, n))
     found: Any = check_bricks(image, bricks, camera, ALL, 1).info["checked"]
     assert len(read) < (0.9 if name == "inside" else 0.45) * len(bricks.low)
-    splats = sg.extract(volume, RAMP)
+    scene = resolve_scene(sg.extract(volume, RAMP), camera, ALL)
     reached = reachable_of(bricks, camera, ALL)
-    for near in (reached, reachable(splats, camera, ALL)):
-        assert not render_pixels(splats, camera, ALL, np.flatnonzero(~near)[::9]).any()
-    again: Any = compare_sample(image, ALL, 1, partial(render_pixels, splats, camera, ALL), reached)[0].info["checked"]
+    for near in (reached, reachable(scene, camera)):
+        assert not render_pixels(scene, camera, np.flatnonzero(~near)[::9]).any()
+    again: Any = compare_sample(image, ALL, 1, partial(render_pixels, scene, camera), reached)[0].info["checked"]
     assert {**found, "rmse": 0} == {**again, "rmse": 0} | {"largest": found["largest"]} and found["largest"] < 2e-4
     assert abs(found["largest"] - again["largest"]) + abs(found["rmse"] - again["rmse"]) < 1e-12
     wrong = sg.Image(image.pixels + np.float32(0.01), image.info)

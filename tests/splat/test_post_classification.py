@@ -18,7 +18,7 @@ from splatgl.cli.main import main
 from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.sheet_quads import first_sheets
 from splatgl.reference.rays import Rays
-from splatgl.reference.renderer import render_pixels
+from splatgl.reference.renderer import render_pixels, resolve_scene
 from splatgl.scene.view import ViewOptions
 from splatgl.splat import extract_values, prefilter
 from splatgl.splat.culling import tiles_beside_box
@@ -389,7 +389,7 @@ def test_no_spike_is_passed_over(renderer: sg.Renderer, steps: int, view: str, w
         splats = sg.extract(sg.Volume(z), transfer, classification="post")
         alpha = renderer.render(splats, camera, EXACT.but(steps=steps)).pixels[3:6, 3:6, 3]
         assert np.abs(alpha + np.expm1(-area / slope)).max() < 0.015, middle
-        right = render_pixels(splats, camera, EXACT.but(steps=steps), np.array([30, 40, 50]))
+        right = render_pixels(resolve_scene(splats, camera, EXACT.but(steps=steps)), camera, np.array([30, 40, 50]))
         assert np.abs(np.diag(alpha) - right[:, 3]).max() < 1e-5
 
 
