@@ -209,9 +209,8 @@ def draw_notebook(subject: Subject, renderer: sg.Renderer, name: str) -> np.ndar
 
 def draw_window(subject: Subject, renderer: sg.Renderer, name: str) -> np.ndarray:
     """The viewer's window, sRGB; it may be drawn by another driver than pictures."""
-    from splatgl.viewer.display import Options
     from splatgl.viewer.document import Document
-    from splatgl.viewer.viewer import Viewer
+    from splatgl.viewer.viewer import Options, Viewer
 
     with TemporaryDirectory() as folder, sg.Renderer("window") as opened:
         np.save(f"{folder}/ball.npy", subject.volume.samples)

@@ -210,9 +210,8 @@ fit = "visible"
 
 def window(source: str = "") -> None:
     """The viewer with its panel and slices, showing a scene file or the bones of a CT at full quality."""
-    from splatgl.viewer.display import Options
     from splatgl.viewer.document import Document
-    from splatgl.viewer.viewer import Viewer
+    from splatgl.viewer.viewer import Options, Viewer
 
     with TemporaryDirectory() as folder:
         file = Path(source or f"{folder}/bones.toml")

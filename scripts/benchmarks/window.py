@@ -22,10 +22,9 @@ from splatgl.gl.renderer import Renderer
 from splatgl.options import Kind
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.transfer import Transfer
-from splatgl.viewer.display import Options
 from splatgl.viewer.document import Document
 from splatgl.viewer.tool import Pointer
-from splatgl.viewer.viewer import Viewer
+from splatgl.viewer.viewer import Options, Viewer
 
 # longest wait for a picture at rest
 PATIENCE = 120.0

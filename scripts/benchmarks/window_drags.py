@@ -26,10 +26,9 @@ from splatgl.gl.renderer import Renderer
 from splatgl.options import Kind
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.adaptive_quality import LADDER
-from splatgl.viewer.display import Options
 from splatgl.viewer.document import Document
 from splatgl.viewer.tool import Pointer
-from splatgl.viewer.viewer import Viewer
+from splatgl.viewer.viewer import Options, Viewer
 
 
 def dragged(viewer: Viewer, level: int, moves: int, profile: int) -> str:

@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     scene = _scene(args)
     files = start_reading(scene, args.source if args.watch else "", lambda: _scene(args))
     # imported late: bad input is reported at once
-    from splatgl.viewer.display import Options
+    from splatgl.viewer.viewer import Options
 
     options = Options(
         size=scene.view.size if args.size or args.source.endswith(".toml") else None,

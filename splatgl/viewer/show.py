@@ -26,9 +26,9 @@ from splatgl.splat.transfer import Transfer
 if TYPE_CHECKING:
     from splatgl.keywords import RenderKeywords
     from splatgl.splat.camera import Camera
-    from splatgl.viewer.display import Options
     from splatgl.viewer.loading import Files, Reopen
     from splatgl.viewer.notebook import View
+    from splatgl.viewer.viewer import Options
 
 
 @with_groups()
@@ -82,7 +82,7 @@ def in_notebook() -> bool:
 def _window(scene: SceneFile, sized: bool) -> None:
     """Opens the window until it is closed."""
     files = start_reading(scene)
-    from splatgl.viewer.display import Options
+    from splatgl.viewer.viewer import Options
 
     open_window(files, scene, Options(size=scene.view.size) if sized else Options())
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Protocol
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document
@@ -50,7 +50,7 @@ class Pointer:
     notches: float = 0.0
 
 
-class Tool:
+class Tool(Protocol):
     """Handles mouse events. Each method returns the new state, or None to leave the event to the next tool."""
 
     def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:

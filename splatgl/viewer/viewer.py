@@ -1,9 +1,11 @@
-"""`Viewer`: the event loop of the window. It alone holds what changes; other modules compute the next values."""
+"""`Viewer`: the window, which holds the document and the state. Other modules compute the next values."""
 
 from __future__ import annotations
 
+import os
 import time
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from math import prod
@@ -16,17 +18,26 @@ from splatgl.animation.animation import MOVIES
 from splatgl.data.image import Image
 from splatgl.errors import USER_ERRORS, error_text, missing_extra
 from splatgl.fileio import budget
+from splatgl.gl.renderer import Renderer
+from splatgl.gl.screen import Marks, Screen
+from splatgl.gl.target import Interrupted
+from splatgl.scene.meshes import is_mesh
 from splatgl.viewer import questions
-from splatgl.viewer.adaptive_quality import REST, STEP
-from splatgl.viewer.commands import Add, Copy, CopyText, Effect, Leave, Open, OpenOption, Request
-from splatgl.viewer.display import EXTRACTING, OPENING, READING
+from splatgl.viewer.adaptive_quality import LADDER, REST, STEP, TARGET, IdleTrim, Moment, Refiner, return_large_blocks
+from splatgl.viewer.commands import COMMANDS, Add, Command, Copy, CopyText, Effect, Leave, Open, OpenOption, Request
 from splatgl.viewer.document import Document
-from splatgl.viewer.file_dialogs import ADD, OPEN, SAVE
-from splatgl.viewer.jobs import Done, Kind
-from splatgl.viewer.live_view import LiveView
-from splatgl.viewer.loading import Added, Left, Loaded, Opened, Reloaded, TimePoint
+from splatgl.viewer.file_dialogs import ADD, OPEN, SAVE, Dialogs
+from splatgl.viewer.frame_renderer import FrameRenderer
+from splatgl.viewer.hud import progress_text
+from splatgl.viewer.input import InputHandler
+from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
+from splatgl.viewer.loading import Added, Files, Left, Loaded, Opened, Reloaded, TimePoint
 from splatgl.viewer.movie_track import stop_preview
-from splatgl.viewer.recorder import movie_command, movie_scene
+from splatgl.viewer.overlays import Overlays
+from splatgl.viewer.questions import ask_for_files, ask_to_leave, tell_error
+from splatgl.viewer.recorder import Recorder, movie_command, movie_scene
+from splatgl.viewer.reference_view import Reference, ReferenceInputs
+from splatgl.viewer.remembered import Arrangement, Recent
 from splatgl.viewer.saving import (
     compose_screenshot,
     copy_text,
@@ -37,9 +48,26 @@ from splatgl.viewer.saving import (
     save_scene,
     try_save,
 )
-from splatgl.viewer.state import History, played, stated_transfers
+from splatgl.viewer.slice_views import SliceTool, column_width
+from splatgl.viewer.state import THEMES, History, State, changed_fields, played, stated_transfers
+from splatgl.viewer.tool import MouseEvent, Pointer, View, docked_width, is_roomy
 from splatgl.viewer.trackball import up_direction
+from splatgl.viewer.window import Window
 
+# screen units of the first window
+SIZE = (1024, 768)
+OTHER = "the picture before"
+LEAVING = "edits are not saved: shift+s saves the scene; open it again to leave without"
+# purpose of the extra library, for the message where it is missing
+PANEL = "the panel with the opacity curve, colours, settings, cuts and files"
+# commands that a preview goes on at
+PREVIEWS = ("preview", "hud", "panel", "keyframe")
+# topics of messages, which are cleared once the topic is over
+OPENING, READING, EXTRACTING, PICTURE, COUNT = "opening", "reading", "extracting", "picture", "count"
+# maximum panel frames between two portions of a picture
+MOST_SHOWN = 2
+# seconds of a preview that the panel waits for
+WAITED = 0.05
 # automatic rotation in degrees per second
 SPEED = 30.0
 # maximum seconds to wait for events when idle: bounds the response to Ctrl-C
@@ -50,12 +78,442 @@ RECORDING = "a movie is recorded; quit again to cancel it"
 TOPICS = {Kind.OPEN: OPENING, Kind.EXTRACT: EXTRACTING}
 
 
-class Viewer(LiveView):
-    """Shows one document at a time. `step()` runs one iteration of the event loop; `run()` loops until closed."""
+@dataclass(frozen=True)
+class Options:
+    """Startup options. size: screen units; None: that of the latest window. folder: for saved images; source: the path
+    that is being read already. owns_process: whether the process is the window's alone, so that it may close the window
+    on signals and tune the memory of others.
+    """
+
+    size: tuple[int, int] | None = None
+    target: float = TARGET
+    folder: Path = Path(".")
+    commands: tuple[Command, ...] = COMMANDS
+    ground: str = "black"
+    panel: bool = True
+    source: str = ""
+    owns_process: bool = False
+
+
+class Viewer:
+    """Shows one document at a time. `step()` runs one iteration of the event loop; `run()` loops until closed.
+
+    files: what is being read already; failed: why nothing could be shown at all.
+    """
 
     # what was shown before the document was opened, and after it was left by undo
     before: Left | None = None
     after: Left | None = None
+
+    def __init__(
+        self, document: Document, renderer: Renderer, options: Options | None = None, files: Files | None = None
+    ) -> None:
+        self.options, self.renderer = options or Options(), renderer
+        if self.options.owns_process:
+            return_large_blocks()
+        # effects of commands, performed in the next step
+        self.effects: list[Effect] = []
+        # number of inputs, and the time of the latest: a full-quality frame is cancelled by new ones
+        self.inputs, self.touched = 0, self.now()
+        self.closed, self.dirty = False, 1
+        self.failed: BaseException | None = None
+        arrangement = Arrangement.of(os.environ)
+        size = self.options.size or arrangement.size or SIZE
+        self.screen = Screen(size, "splatgl")
+        try:
+            self.window = Window(self.screen, self)
+            wake = self.window.wake
+            self.slices = SliceTool(wake)
+            self.input = InputHandler(self.options.commands, self.slices)
+            self.extractor, self.reference, self.overlays = Extractor(wake), Reference(Jobs(wake)), Overlays()
+            self.recorder = Recorder()
+            self.painter = FrameRenderer(self.screen, renderer, self.options.commands)
+            self.document = document
+            self.panel: Any = None
+            theme = arrangement.theme if arrangement.theme in THEMES else THEMES[0]
+            state = replace(State.of(document, size), ground=self.options.ground, theme=theme)
+            self.state = replace(state, slices=replace(state.slices, shown=arrangement.slices))
+            # the next document, whose coarsest splats are being extracted
+            self.coming: Document | None = None
+            if self.options.panel and find_spec("imgui_bundle"):
+                is_open = arrangement.panel and is_roomy(self.window.size, self.window.scale)
+                self.state = replace(self.state, panel=is_open)
+                self._open_panel()
+        except BaseException:
+            self.screen.close()
+            raise
+        self.history = History(self.state)
+        self.dialogs, self.recent = Dialogs(), Recent.of(os.environ)
+        # the view that was fitted to the document
+        self.home = self.state.pose
+        # transfer functions as opened: a file that changes keeps edited ones
+        self.bases = stated_transfers(document.styles)
+        self.files = files or Files(Jobs(wake), (), None, self.now())
+        self.files.jobs.wake = wake
+        self.files.refine(document)
+        self.refiner = Refiner(document.counts, prod(self.size), self.options.target)
+        self.ticked = self.played = self.now()
+        self.trim = IdleTrim(self.ticked, self.options.owns_process)
+        # whether the next request to quit is obeyed although edits are lost
+        self.warned = False
+        # pixels from the left picture to the one that the mouse is in
+        self.right_edge = 0
+        # topic and message of the latest error; why the latest picture was not drawn
+        self.last_error, self.reject_reason = ("", ""), ""
+
+    # --- what is shown ----------------------------------------------------------------------------------------------
+
+    @property
+    def view(self) -> View:
+        """The window beside the panel, for tools."""
+        (width, height), scale = self.window.size, self.window.scale
+        # the help takes the room of the panel
+        has_panel = self.panel is not None and self.state.panel and not self.state.help
+        width -= docked_width((width, height), scale) if has_panel else 0
+        return View((max(width, 1), max(height, 1)), scale, self.now())
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Pixels of the picture; there are two while another is pinned beside it."""
+        width, height = self.shown_size
+        return max(width // (1 + (self.state.beside is not None)), 1), height
+
+    @property
+    def shown_size(self) -> tuple[int, int]:
+        """Pixels of all pictures: the window without the panel and the slices."""
+        width, height = self.view.size
+        return max(width - column_width((width, height), self.state.slices.shown), 1), height
+
+    def remember(self) -> None:
+        """Stores how the window stands for the next one."""
+        # in narrow windows, the panel is open only while it is wanted
+        panel = self.state.panel if is_roomy(self.window.size, self.window.scale) else Arrangement.of(os.environ).panel
+        size, slices, theme = self.window.unit_size, self.state.slices.shown, self.state.theme
+        Arrangement(size, panel, slices, theme).remember(os.environ)
+
+    @property
+    def busy(self) -> str | None:
+        """The work in other threads; None if there is none."""
+        return self.files.busy or (OPENING if self.document.is_loading else self.extractor.busy)
+
+    @property
+    def pending_reason(self) -> str | None:
+        """The note while the picture of the state cannot be drawn; None if it can."""
+        rejected = self.coming is None and self.wanted() == self.refiner.refused
+        return OTHER if rejected or (self.coming and self.extractor.has_failed(self.coming)) else None
+
+    def wanted(self) -> tuple[object, ...]:
+        """Key of a frame: all its inputs, as values or immutable objects."""
+        state = self.state
+        return state.pose, state.settings, self.document, state.show_zk and state.compare == "off", state.beside
+
+    def now(self) -> float:
+        """Monotonic clock in seconds."""
+        return time.monotonic()
+
+    # --- events of the window ---------------------------------------------------------------------------------------
+
+    def refresh(self) -> None:
+        """Redisplays the window's content in the next step."""
+        self.dirty = max(self.dirty, 1)
+
+    def touch(self) -> None:
+        """Notes input that may change the picture."""
+        self.inputs += 1
+        self.touched = self.now()
+        self.refresh()
+
+    def update(self, state: State) -> None:
+        """Takes the next state. While slices move, the picture stays as it is, and is refined further."""
+        changes = changed_fields(state, self.state)
+        self.state = state
+        if changes - {"slices"}:
+            self.touch()
+        elif changes:
+            self.refresh()
+
+    def key(self, chord: str) -> None:
+        """Runs the command of a key, if there is one."""
+        command = self.input.commands.get(chord)
+        if command is not None:
+            # its own command ends a preview
+            state = self.state if command.id in PREVIEWS else stop_preview(self.state)
+            self.state, effects = command(state, self.document)
+            self.effects += effects
+            self.touch()
+
+    def mouse(self, event: MouseEvent, pointer: Pointer) -> None:
+        """Passes a mouse event to the tools; any but a move ends a preview."""
+        if event != "move":
+            self.state = stop_preview(self.state)
+        pointer = self._linked(event, pointer)
+        self.update(self.input.handle(event, pointer, self.state, self.document, self.view))
+        if event == "move" and self.state.probe and not self.input.is_dragging:
+            self.refresh()
+
+    def _linked(self, event: MouseEvent, pointer: Pointer) -> Pointer:
+        """The same place in the left picture, of one in the right picture; a drag stays where it began."""
+        width, (x, y) = self.size[0], pointer.place
+        if event == "press" or not (event == "release" or self.window.held):
+            is_right = self.state.beside is not None and width <= x < self.shown_size[0]
+            self.right_edge = width if is_right else 0
+        return replace(pointer, place=(x - self.right_edge, y))
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """Fits the view to a window of `size` in pixels; a minimised one keeps its last size. A view that nobody has
+        moved is fitted anew, any other one keeps its height.
+        """
+        if min(size) > 0:
+            before, document = self.state.pose, self.document
+            is_first = before.view() == document.home(before.camera.size).view()
+            pose = document.home(self.size) if is_first else before.resized(self.size)
+            self.state = replace(self.state, pose=pose)
+            # the same view in another size
+            self.history.resize(before, pose)
+            self.home = pose if self.home is before else self.home
+            self.touch()
+
+    def drop(self, paths: Sequence[str]) -> None:
+        """Asks what to do with dropped files; opens them where only that is possible, or nothing can ask."""
+        is_scene = any(path.endswith(".toml") for path in paths)
+        if self.panel is None or self.document.is_loading or is_scene:
+            self.open(paths, self.document.is_loading)
+        elif paths:
+            self.panel.panel.questions.ask(ask_for_files(paths))
+            self.refresh()
+
+    def open(self, paths: Sequence[str], are_alone: bool = True) -> None:
+        """Opens the files, and asks first if edits would be lost; the current document stays until they are loaded.
+        are_alone: whether meshes alone replace it, too; else they are added.
+        """
+        replaces = are_alone or not all(map(is_mesh, paths))
+        if paths and not (replaces and self.asks_to_leave(Open(tuple(paths)))):
+            self.files.open(paths, self.state.settings, are_alone)
+            self.touch()
+
+    def asks_to_leave(self, opens: Open | OpenOption) -> bool:
+        """Whether edits would be lost, and the window asks about it; without the panel, a second request is obeyed."""
+        is_edited = not self.document.is_loading and self.history.has_unsaved_edits(self.state)
+        if not is_edited or self.state.message == LEAVING:
+            return False
+        if self.panel is None:
+            self.say(LEAVING)
+        else:
+            self.panel.panel.questions.ask(ask_to_leave(opens))
+            self.refresh()
+        return True
+
+    def raw(self, kind: str, *values: Any) -> bool:
+        """Passes an event to the panel; True if the panel consumes it. A cursor elsewhere changes nothing there."""
+        if self.panel is None or self.state.help:
+            return False
+        before = self.panel.touched
+        consumed = bool(self.panel.event(kind, *values))
+        if kind != "cursor" or self.window.held or before or self.panel.touched:
+            self.refresh()
+        return consumed
+
+    def say(self, message: str, topic: str = "") -> None:
+        """Shows a message until the next key, or until its topic is cleared."""
+        self.state = replace(self.state, message=message)
+        self.last_error = (topic, message) if topic else self.last_error
+        self.refresh()
+
+    def tell_error(self, message: str, topic: str = "") -> None:
+        """Shows an error in a box until it is closed; without the panel, as a message."""
+        if self.panel is None:
+            self.say(message, topic)
+        else:
+            self.panel.panel.questions.ask(tell_error(message))
+            self.refresh()
+
+    def clear_message(self, topic: str) -> None:
+        """Clears the message of a topic."""
+        if self.last_error[0] == topic:
+            if self.state.message == self.last_error[1]:
+                self.state = replace(self.state, message="")
+                self.refresh()
+            self.last_error = ("", "")
+
+    def _take(self, document: Document) -> None:
+        """Shows a document."""
+        self.clear_message(EXTRACTING)
+        self.document, self.coming, self.extractor.failed = document, None, None
+        self.refiner.renew(document.counts, prod(self.size))
+        self.refresh()
+
+    def _open_panel(self) -> None:
+        """Creates the panel, or sets a message on how to install its library."""
+        if not find_spec("imgui_bundle"):
+            message = str(missing_extra(PANEL, "imgui-bundle", "gui"))
+            self.state = replace(self.state, panel=False, message=message)
+        else:
+            from splatgl.viewer.imgui_backend import Gui
+
+            self.panel = Gui(self.window, self.options.commands, self.options.panel)
+
+    # --- the picture --------------------------------------------------------------------------------------------------
+
+    def _follow_state(self, blurs: bool) -> None:
+        """Shows the document in the styles of the state once its coarsest splats are extracted; finer ones follow at
+        rest. Until then, the previous document is shown.
+        """
+        state, extractor = self.state, self.extractor
+        if self.coming is not None:
+            if self.coming.extracted:
+                self._take(self.coming)
+            elif not extractor.has_failed(self.coming):
+                extractor.request(self.coming, False)
+                return
+        base = self.coming or self.document
+        placed = base.with_planes(state.slice_planes)
+        document = placed.with_styles(state.styles, state.mesh_files, state.moving, blurs)
+        if document is self.coming:
+            # it failed, until the state changes
+            if not state.message:
+                self.say(extractor.why, EXTRACTING)
+            return
+        if document is not self.document and not document.extracted:
+            self.coming = document
+            extractor.request(document, False)
+            return
+        if document is not self.document or self.coming is not None:
+            self._take(document)
+        moving = document.for_settings(state.moving, True)
+        incomplete = [each for each in (document, moving) if not each.is_complete]
+        if incomplete:
+            extractor.request(incomplete[0], self.now() - self.touched >= REST)
+        self._warn_if_too_large()
+
+    def _warn_if_too_large(self) -> None:
+        """Shows a message while a layer has too many splats to draw them all."""
+        document = self.document
+        if document.exceeds_budget and document.extracted[0] == 2 and not self.state.message:
+            count = sum(8 * len(layer.at(2)) for layer in document.drawn_layers if layer.exceeds_budget)
+            self.say(f"some {count:,} splats: too many to draw all; make more of it transparent", COUNT)
+        elif not document.exceeds_budget:
+            self.clear_message(COUNT)
+
+    def _moment(self) -> Moment:
+        # quads near the eye may be slow even in portions: deferred until the mouse button is released
+        frame = self.painter.frame
+        held = self.input.is_dragging and (frame is None or frame.plan.program.technique == "quads")
+        return Moment(self.now() - self.touched, self.state.gliding, held, self.document.extracted)
+
+    def _draw(self) -> int | None:
+        """Renders a preview after changes, or the full-quality frame at rest. Returns its level, if any."""
+        gliding = self.state.gliding or (self.input.is_dragging and self._moment().moving)
+        blurs = gliding and self.state.blur != "off"
+        self._follow_state(blurs)
+        wanted, moment, inputs = self.wanted(), self._moment(), self.inputs
+        level = self.refiner.level(wanted, moment)
+        if level is None:
+            if wanted == self.refiner.refused:
+                self._say_rejected()
+            return None
+        if wanted != self.refiner.drawn:
+            self.reference.forget()
+        try:
+            # quick previews need no portions
+            is_slow = level == 0 or self.refiner.pace.expected(level) > WAITED
+            interrupted = partial(self._is_interrupted, inputs, level == 0) if is_slow else None
+            frame = self.painter.draw(self.state, self.document, LADDER[level], blurs, interrupted)
+        except Interrupted:
+            return None
+        except USER_ERRORS as error:
+            self.refiner.refuse(wanted)
+            self.reject_reason = error_text(error)
+            # also for a view that turns, which is rejected again each time
+            self._say_rejected()
+            return None
+        self.clear_message(PICTURE)
+        self.refiner.done(wanted, level, frame.full)
+        self.dirty = max(self.dirty, 1 + frame.full)
+        return level
+
+    def _say_rejected(self) -> None:
+        """Shows why the picture is another one, which no key hides."""
+        # the previous document need not support the settings of the coming one
+        if self.coming is None and not self.state.message:
+            self.say(self.reject_reason, PICTURE)
+
+    def _is_interrupted(self, inputs: int, is_full: bool = True) -> bool:
+        """Polls events during a frame and shows the panel that they change; True after new input, which cancels the
+        frame if `is_full`. A preview goes on, and shows the panel only while the cursor is over it.
+        """
+        self.window.wait(0.0)
+        # a change is shown after the frame that makes it
+        for _ in range(MOST_SHOWN):
+            if self.dirty and self.panel is not None and (self.inputs == inputs if is_full else self.panel.touched):
+                self._redisplay()
+        return self.window.closing or (is_full and self.inputs != inputs)
+
+    def _compare(self) -> None:
+        """Requests the reference of a full-quality frame once its view is at rest."""
+        frame, reference = self.painter.frame, self.reference
+        if self.state.compare == "off" or not frame or not frame.full or self.refiner.drawn != self.wanted():
+            if reference.wanted is not None:
+                reference.forget()
+        elif reference.wanted is None:
+            settings = self.state.settings.but(classification="auto")
+            reference.request(ReferenceInputs.of(self.document, self.state.pose.camera, settings))
+
+    def _show(self) -> None:
+        """Displays the image, its overlay and the panel if any of them changed."""
+        running = self.recorder.running
+        note = self.painter.compared(self.state, self.reference)
+        note = f"recording {running.target.name}: {running.text}" if running else note
+        doing = self.busy or self.pending_reason
+        if self.painter.write(self.state, self.document, self.window.scale, doing, note):
+            self.refresh()
+        if self.dirty:
+            self._redisplay()
+            self.window.title(f"{self.document.volume.name} - splatgl - {doing or progress_text(self.painter.frame)}")
+
+    def _redisplay(self) -> None:
+        """Displays the latest image with the panel as it is now."""
+        self.dirty -= 1
+        self._compose()
+        self.window.show()
+
+    def shot(self) -> np.ndarray:
+        """The window's current image, uint8 [H, W, 3], sRGB."""
+        self._compose()
+        return self.screen.read(self.window.size)
+
+    def _compose(self) -> None:
+        """Draws the window's content into its back buffer."""
+        if self.state.panel and self.panel is None:
+            self._open_panel()
+        self.screen.draw(self._drawn_size, self.painter.look(self.state, self.reference))
+        self.screen.mark(self.window.size, self._marks())
+        if self.panel is not None and not self.state.help:
+            before, panel = self.state, self.panel.panel
+            panel.recent, panel.widgets.recording = self.recent.paths, self.recorder.running
+            self.state = self.panel.frame(self.state, self.document, self.painter.frame)
+            effects, panel.widgets.effects = panel.widgets.effects, []
+            self.effects += effects
+            if self.state is not before or effects:
+                self.touch()
+            if self.panel.waiting or self.panel.owed:
+                self.refresh()
+
+    @property
+    def _drawn_size(self) -> tuple[int, int]:
+        """Pixels of the picture, and of the one beside it."""
+        width, height = self.size
+        return width * (1 + (self.state.beside is not None)), height
+
+    def _marks(self) -> Marks:
+        slices = self.slices.marks(self.state, self.document, self.view)
+        # nothing lies over the help
+        if self.document.is_loading or self.painter.frame is None or self.state.help:
+            return slices
+        covered = self.panel is not None and self.panel.touched
+        cursor = None if covered or self.input.is_dragging else self.input.cursor
+        lies_over = self.panel is not None and self.state.panel and self.view.size[0] == self.window.size[0]
+        edge = self.panel.left_edge if lies_over else self.size[0]
+        return self.overlays.marks(self.state, self.document, self.view, cursor, slices, edge)
 
     # --- the loop ---------------------------------------------------------------------------------------------------
 

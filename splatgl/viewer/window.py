@@ -1,4 +1,4 @@
-"""GLFW window: passes events to a `Display`, with positions in image pixels."""
+"""GLFW window: passes events to a `Viewer`, with positions in image pixels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from splatgl.viewer.input import from_character, from_key, modifiers
 from splatgl.viewer.tool import Place, Pointer
 
 if TYPE_CHECKING:
-    from splatgl.viewer.display import Display
+    from splatgl.viewer.viewer import Viewer
 
 BUTTONS = ("left", "right", "middle")
 # offsets of resourceid and error_code in Xlib's XErrorEvent
@@ -28,7 +28,7 @@ SMALLEST = 64
 class Window:
     """A screen's window: events, size and title."""
 
-    def __init__(self, screen: Screen, listener: Display) -> None:
+    def __init__(self, screen: Screen, listener: Viewer) -> None:
         import glfw
 
         self.glfw, self.screen, self.listener, self.handle = glfw, screen, listener, screen.window

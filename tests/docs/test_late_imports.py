@@ -12,7 +12,7 @@ import pytest
 
 from splatgl.cli.main import main
 from splatgl.gl.screen import GROUNDS
-from splatgl.viewer.display import Options
+from splatgl.viewer.viewer import Options
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
 

@@ -43,11 +43,8 @@ FACADES = {
 }
 # One module of each import cycle that functions close: `Volume.of` and `Scene.of`.
 CYCLES = {"splatgl.data.volume", "splatgl.splat.scene"}
-# Files that are longer than LONG_FILE, and why each still holds one subject.
-LONG_FILE = 600
-LONG_FILES = {
-    "scene/scene_file.py": "a scene as it is written: its keys, and how they are read, changed and stored",
-}
+# Rooms whose classes inherit only from protocols, exceptions and classes of libraries.
+COMPOSED = ("viewer/",)
 # Files that are shorter than SHORT_FILE and have one importer, or none, and what names them.
 SHORT_FILE = 80
 SHORT_FILES = {
@@ -201,6 +198,27 @@ def uses(folder: str, *names: str) -> list[str]:
     ]
 
 
+@cache
+def classes(path: Path) -> tuple[ast.ClassDef, ...]:
+    return tuple(node for node in ast.walk(parse(path)) if isinstance(node, ast.ClassDef))
+
+
+def inherited() -> list[str]:
+    """Classes of the package that inherit from one of its classes, other than a protocol or an exception."""
+    bases = {
+        node.name: {ast.unparse(base).partition("[")[0].rpartition(".")[2] for base in node.bases}
+        for path in files()
+        for node in classes(path)
+    }
+    refused = {name for name, above in bases.items() if "Protocol" not in above and not name.endswith("Error")}
+    return [
+        f"{relative(path)}:{node.lineno} {node.name} inherits from {base}"
+        for path in files()
+        for node in classes(path)
+        for base in sorted(bases[node.name] & refused)
+    ]
+
+
 def lines_of(path: Path) -> int:
     return len(path.read_text(encoding="utf-8").splitlines())
 
@@ -240,15 +258,20 @@ def test_no_cycles_but_of_facades() -> None:
 
 
 def test_files_hold_one_subject() -> None:
-    """Long files, and short ones with one importer, are looked at again: each stands here with its reason."""
+    """Short files with one importer are looked at again: each stands here with its reason."""
     importers: dict[str, set[str]] = defaultdict(set)
     for module, targets in edges(late=True).items():
         for target in targets:
             importers[target].add(module)
-    assert {relative(path) for path in files() if lines_of(path) > LONG_FILE} == set(LONG_FILES)
     short = [path for path in files() if lines_of(path) < SHORT_FILE and path.name != "__init__.py"]
     short = [path for path in short if not has_rows(path)]
     assert {relative(path) for path in short if len(importers[module_of(path)]) < 2} == set(SHORT_FILES)
+
+
+def test_classes_are_composed() -> None:
+    """No class is split over files, or into a chain, by inheritance."""
+    found = {each.partition(" ")[2] for each in inherited() if each.startswith(COMPOSED)}
+    assert found <= {"ExtractedScene inherits from Scene"}
 
 
 def test_no_test_imports_another() -> None:
@@ -315,6 +338,19 @@ def test_cycles_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     (tmp_path / "data" / "c.py").write_text("if TYPE_CHECKING:\n    from splatgl.data.a import A")
     assert cycles(edges(late=False)) == set()
     assert cycles(edges(late=True)) == {frozenset({"splatgl.data.a", "splatgl.data.b"})}
+
+
+def test_inheritance_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(globals(), "PACKAGE", tmp_path)
+    (tmp_path / "a.py").write_text(
+        "class A: ...\nclass F(Protocol): ...\nclass E(Exception): ...\nclass MyError(E): ..."
+    )
+    (tmp_path / "b.py").write_text(
+        "from splatgl import a\nclass B(a.A): ...\nclass C(B): ...\nclass G(a.F): ...\nclass H(Buffer): ...\n"
+        "class K(a.MyError): ..."
+    )
+    found = [each.partition(" ")[2] for each in inherited()]
+    assert found == ["MyError inherits from E", "B inherits from A", "C inherits from B"]
 
 
 def test_long_functions_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

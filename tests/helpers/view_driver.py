@@ -30,7 +30,6 @@ from splatgl.splat.transfer_nodes import color_points
 from splatgl.viewer import hud, stand_in, trackball
 from splatgl.viewer.adaptive_quality import REST
 from splatgl.viewer.commands import Request
-from splatgl.viewer.display import Options
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.layer_splats import LayerSplats
@@ -38,7 +37,7 @@ from splatgl.viewer.loading import Files
 from splatgl.viewer.show import start_reading
 from splatgl.viewer.state import LayerStyle
 from splatgl.viewer.tool import Pointer
-from splatgl.viewer.viewer import Viewer
+from splatgl.viewer.viewer import Options, Viewer
 
 DOUBLE = trackball.DOUBLE
 PAGE = os.sysconf("SC_PAGE_SIZE")

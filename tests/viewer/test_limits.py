@@ -29,7 +29,6 @@ from splatgl.viewer.document import Document
 from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
 from splatgl.viewer.layer_splats import LayerSplats
-from splatgl.viewer.live_view import LiveView
 from splatgl.viewer.reference_view import Reference, ReferenceInputs
 from splatgl.viewer.saving import copy_text, render_scene, save_as, save_picture, save_scene, scene_of, try_save
 from splatgl.viewer.state import LayerStyle, State
@@ -269,16 +268,16 @@ def test_a_click_is_handled_before_it_is_shown(document: Document, monkeypatch: 
 
 def test_a_click_is_shown_between_two_portions(monkeypatch: pytest.MonkeyPatch) -> None:
     """With what it changes; a new input cancels a full picture instead, and no preview."""
-    view = LiveView.__new__(LiveView)
+    view = Viewer.__new__(Viewer)
     view.window = window = cast(Any, SimpleNamespace(wait=lambda seconds: None, closing=False))
     view.panel = SimpleNamespace(touched=False)
     shown: list[int] = []
 
-    def redisplay(self: LiveView) -> None:
+    def redisplay(self: Viewer) -> None:
         self.dirty -= 1
         shown.append(self.dirty)
 
-    monkeypatch.setattr(LiveView, "_redisplay", redisplay)
+    monkeypatch.setattr(Viewer, "_redisplay", redisplay)
     view.inputs, view.dirty = 3, 2
     assert not view._is_interrupted(3) and shown == [1, 0]
     view.dirty = 3

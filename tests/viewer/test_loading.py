@@ -18,7 +18,6 @@ from splatgl.splat.scissors import Scissors
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES, Refiner
 from splatgl.viewer.commands import Leave, Open, OpenOption, Request
-from splatgl.viewer.display import LEAVING, Options
 from splatgl.viewer.document import Document
 from splatgl.viewer.file_watch import Watch
 from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
@@ -26,7 +25,7 @@ from splatgl.viewer.loading import Added, Files, Loaded, Opened, Reloaded, TimeP
 from splatgl.viewer.questions import ask_to_leave
 from splatgl.viewer.remembered import Recent
 from splatgl.viewer.state import History, State, stated_transfers
-from splatgl.viewer.viewer import CHANGED, Viewer
+from splatgl.viewer.viewer import CHANGED, LEAVING, Options, Viewer
 from tests.helpers.blobs import LONGEST, SIZE, blob
 
 
