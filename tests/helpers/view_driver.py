@@ -119,7 +119,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "scale": viewer.window.scale,
         "place": viewer.panel and viewer.panel.panel.place,
         "marks": [sprite.place for sprite in viewer._marks().sprites],
-        "dialog": viewer.dialogs.process is not None or bool(viewer.panel and viewer.panel.panel.popup),
+        "dialog": viewer.performer.dialogs.process is not None or bool(viewer.panel and viewer.panel.panel.popup),
         "pictures": len(viewer.panel.panel.gallery.textures) if viewer.panel else 0,
         "plot": viewer.panel and (viewer.panel.panel.curve.box, viewer.panel.panel.curve.range),
     }
@@ -275,7 +275,7 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         if viewer.panel is not None:
             # whether a list is open or not, which Escape cannot know: a click may close it in the same moment
             viewer.panel.panel.closes = True
-        viewer.dialogs.close()
+        viewer.performer.dialogs.close()
         # the press before is not the first of a double click
         viewer.input.camera.mouse = trackball.Mouse()
         trackball.DOUBLE = DOUBLE
