@@ -4,6 +4,9 @@ Extra `gui`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from imgui_bundle import imgui
 
@@ -15,6 +18,8 @@ from splatgl.splat.transfer_nodes import ColorPoints, color_points, with_color_p
 COLORS, POINT = 64, 5.0
 PICKER = "##color of a value"
 HINT = "double click for a colour here; click a point to recolour it; drag moves, right click or ctrl+click removes"
+# values with their opacities or colours, in order
+Points = Sequence[Any]
 
 
 def code_of(color: np.ndarray | list[float]) -> str:
@@ -22,20 +27,20 @@ def code_of(color: np.ndarray | list[float]) -> str:
     return "#" + bytes(np.rint(255 * np.clip(color, 0.0, 1.0)).astype(np.uint8)).hex()
 
 
-def move_color(points: ColorPoints, number: int, value: float) -> ColorPoints:
-    """The points with one at another value, between its neighbours."""
+def move_point(points: Points, number: int, value: float, other: float | str) -> Points:
+    """The points with one at another value, between its neighbours. other: its opacity or colour."""
     low = points[number - 1][0] if number else -np.inf
     high = points[number + 1][0] if number + 1 < len(points) else np.inf
-    return (*points[:number], (float(np.clip(value, low, high)), points[number][1]), *points[number + 1 :])
+    return (*points[:number], (float(np.clip(value, low, high)), other), *points[number + 1 :])
 
 
-def add_color(points: ColorPoints, value: float, code: str) -> ColorPoints:
-    """The points with one more."""
-    number = int(np.searchsorted([other for other, _ in points], value))
-    return (*points[:number], (value, code), *points[number:])
+def add_point(points: Points, value: float, other: float | str) -> tuple[Points, int]:
+    """The points with one more, and its number."""
+    number = int(np.searchsorted([value for value, _ in points], value))
+    return (*points[:number], (value, other), *points[number:]), number
 
 
-def remove_color(points: ColorPoints, number: int) -> ColorPoints:
+def remove_point(points: Points, number: int) -> Points:
     """The points without one; the last one is never removed."""
     return points if len(points) == 1 else (*points[:number], *points[number + 1 :])
 
@@ -68,7 +73,7 @@ class ColorStrip:
             imgui.set_tooltip(f"{value:.4g}\n{HINT}")
             if edited is points and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
                 color = srgb_from_linear(np.clip(transfer.color(np.array(value)), 0.0, 1.0))
-                edited = add_color(points, value, code_of(color))
+                edited, _ = add_point(points, value, code_of(color))
         edited = self._pick(edited, span)
         if edited is points:
             return transfer
@@ -113,12 +118,12 @@ class ColorStrip:
         removes = imgui.is_item_clicked(imgui.MouseButton_.right)
         removes |= imgui.get_io().key_ctrl and imgui.is_item_clicked(imgui.MouseButton_.left)
         if removes:
-            return remove_color(points, number)
+            return remove_point(points, number)
         if imgui.is_item_activated():
             self.moved = False
         if imgui.is_item_active() and imgui.is_mouse_dragging(imgui.MouseButton_.left):
             self.moved = True
-            return move_color(points, number, _value_at(imgui.get_mouse_pos().x, span, room))
+            return move_point(points, number, _value_at(imgui.get_mouse_pos().x, span, room), points[number][1])
         if imgui.is_item_deactivated() and not self.moved:
             self.picked = number
             imgui.open_popup(PICKER)
@@ -140,16 +145,16 @@ class ColorStrip:
         rgb = [part / 255 for part in bytes.fromhex(points[number][1][1:])]
         changed, color = imgui.color_picker3("##color", rgb, imgui.ColorEditFlags_.no_side_preview)
         if changed:
-            points = (*points[:number], (points[number][0], code_of(list(color))), *points[number + 1 :])
+            points = move_point(points, number, points[number][0], code_of(list(color)))
         moved, value = imgui.drag_float("value", points[number][0], (span[1] - span[0]) / (4 * COLORS), format="%.5g")
-        points = move_color(points, number, value) if moved else points
+        points = move_point(points, number, value, points[number][1]) if moved else points
         if imgui.button("one more"):
             following = points[number + 1][0] if number + 1 < len(points) else span[1]
-            points = add_color(points, (points[number][0] + following) / 2, points[number][1])
+            points, _ = add_point(points, (points[number][0] + following) / 2, points[number][1])
         imgui.set_item_tooltip("Adds a point of this colour, halfway to the next one.")
         imgui.same_line()
         if imgui.button("remove"):
-            points = remove_color(points, number)
+            points = remove_point(points, number)
             imgui.close_current_popup()
         imgui.end_popup()
         return points

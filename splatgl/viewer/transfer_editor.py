@@ -16,7 +16,7 @@ from splatgl.splat.presets import SURFACE
 from splatgl.splat.statistics import Statistics, statistics
 from splatgl.splat.transfer import Nodes, Transfer
 from splatgl.splat.transfer_nodes import SHAPES, shape_nodes, shape_of
-from splatgl.viewer.color_strip import ColorStrip
+from splatgl.viewer.color_strip import ColorStrip, add_point, move_point, remove_point
 from splatgl.viewer.panel_sections import label_left, pick_color, pick_opacity
 from splatgl.viewer.preset_gallery import EDITED
 
@@ -78,25 +78,6 @@ def histogram(stats: Statistics, low: float, high: float, logarithmic: bool = Tr
     return edges, np.asarray(heights / max(float(heights.max()), 1e-9))
 
 
-def move_point(nodes: Nodes, index: int, node: tuple[float, float]) -> Nodes:
-    """The nodes with one moved, between its neighbours."""
-    low = nodes[index - 1][0] if index else -np.inf
-    high = nodes[index + 1][0] if index + 1 < len(nodes) else np.inf
-    there = (float(np.clip(node[0], low, high)), float(np.clip(node[1], 0.0, 1.0)))
-    return (*nodes[:index], there, *nodes[index + 1 :])
-
-
-def add_point(nodes: Nodes, node: tuple[float, float]) -> tuple[Nodes, int]:
-    """The nodes with one added, and its index."""
-    index = int(np.searchsorted([value for value, _ in nodes], node[0]))
-    return (*nodes[:index], node, *nodes[index:]), index
-
-
-def remove_point(nodes: Nodes, index: int) -> Nodes:
-    """The nodes with one removed; the last one is never removed."""
-    return nodes if len(nodes) == 1 else (*nodes[:index], *nodes[index + 1 :])
-
-
 # screen units at a content scale of 1: height of the plot, of the strip of colours below it, radius of a point
 HEIGHT, STRIP, POINT = 190.0, 10.0, 5.0
 # range of the axis of opacities, with room for points at its ends
@@ -133,7 +114,7 @@ class PointFields:
         raised, height = imgui.drag_float("##height", float(rise(opacity)), 1 / STEPS, 0.0, 1.0, f"{opacity:.3g}")
         imgui.set_item_tooltip("Opacity of this point: drag.")
         if moved or raised:
-            points = move_point(points, self.number, (value, fall(height) if raised else opacity))
+            points = move_point(points, self.number, value, fall(height) if raised else opacity)
         return self._count(points, gap)
 
     def _count(self, points: Nodes, gap: float) -> Nodes:
@@ -144,7 +125,7 @@ class PointFields:
         if imgui.button("+"):
             ends = points[here : here + 2] if here + 1 < len(points) else points[here - 1 :]
             between = np.mean(ends, axis=0).tolist()
-            points, self.number = add_point(points, (between[0], between[1]))
+            points, self.number = add_point(points, *between)
         imgui.set_item_tooltip("One more point beside this one.")
         imgui.same_line(0.0, gap)
         points = remove_point(points, here) if imgui.button("-") else points
@@ -250,7 +231,7 @@ class Curve:
             moved, x, y, _, over, down = implot.drag_point(*options)
             pointed, held = (number if over else pointed), (number if down and not ctrl else held)
             if moved and not ctrl:
-                points = move_point(points, number, (x, fall(y)))
+                points = move_point(points, number, x, fall(y))
         self.held = held
         self.fields.number = self.fields.number if held is None else held
         hovered = implot.is_plot_hovered() or pointed is not None
@@ -260,7 +241,7 @@ class Curve:
         if removes and pointed is not None:
             return remove_point(points, pointed)
         if hovered and pointed is None and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
-            return add_point(points, (at.x, fall(at.y)))[0]
+            return add_point(points, at.x, fall(at.y))[0]
         shown = held if held is not None else pointed
         if shown is not None:
             imgui.set_tooltip(f"{points[shown][0]:.5g}: {points[shown][1]:.4g}")

@@ -189,15 +189,6 @@ def test_shapes_take_the_place_of_a_curve() -> None:
     assert log.points == ((10, 0), (10, 0.8))
 
 
-def test_colours_of_values_are_edited() -> None:
-    module = pytest.importorskip("splatgl.viewer.color_strip", exc_type=ImportError)
-    points = ((0.0, "#000000"), (5.0, "#ff0000"), (9.0, "#ffffff"))
-    assert module.move_color(points, 1, 20.0)[1] == (9.0, "#ff0000") and module.move_color(points, 2, 20.0)[2][0] == 20
-    assert module.add_color(points, 7.0, "#00ff00")[2] == (7.0, "#00ff00")
-    assert module.remove_color(points, 0) == points[1:] and module.remove_color(points[:1], 0) == points[:1]
-    assert module.code_of([0.0, 0.5, 1.2]) == "#0080ff"
-
-
 @pytest.mark.long
 def test_presets_are_chosen_by_their_pictures(panel: Window) -> None:
     """The list has a picture of each; a click on one takes it, which undo takes back, as it does a shift."""

@@ -22,7 +22,7 @@ from splatgl.scene.view import ViewOptions
 from splatgl.splat.culling import eye_is_outside, visible_shell
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.statistics import statistics
-from splatgl.viewer import hud, transfer_editor
+from splatgl.viewer import color_strip, hud, transfer_editor
 from splatgl.viewer.adaptive_quality import FULL, LADDER, STRIDES, Level, Moment, Pace, Refiner
 from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document
@@ -606,14 +606,18 @@ def test_bars_are_counts() -> None:
     assert not transfer_editor.histogram(stats, 50.0, 60.0)[1].any()
 
 
-def test_nodes() -> None:
+def test_points_of_opacities_and_colours() -> None:
     nodes = ((0.0, 0.0), (10.0, 0.5), (20.0, 1.0))
-    assert transfer_editor.move_point(nodes, 1, (15.0, 0.25)) == ((0.0, 0.0), (15.0, 0.25), (20.0, 1.0))
-    assert transfer_editor.move_point(nodes, 1, (99.0, 9.0)) == ((0.0, 0.0), (20.0, 1.0), (20.0, 1.0))
-    assert transfer_editor.add_point(nodes, (12.0, 0.1)) == (((0.0, 0.0), (10.0, 0.5), (12.0, 0.1), (20.0, 1.0)), 2)
-    assert (
-        transfer_editor.remove_point(nodes, 0) == nodes[1:] and transfer_editor.remove_point(nodes[:1], 0) == nodes[:1]
-    )
+    assert color_strip.move_point(nodes, 1, 15.0, 0.25) == ((0.0, 0.0), (15.0, 0.25), (20.0, 1.0))
+    above = transfer_editor.fall(9.0)
+    assert color_strip.move_point(nodes, 1, 99.0, above) == ((0.0, 0.0), (20.0, 1.0), (20.0, 1.0))
+    assert color_strip.add_point(nodes, 12.0, 0.1) == (((0.0, 0.0), (10.0, 0.5), (12.0, 0.1), (20.0, 1.0)), 2)
+    assert color_strip.remove_point(nodes, 0) == nodes[1:] and color_strip.remove_point(nodes[:1], 0) == nodes[:1]
+    colors = ((0.0, "#000000"), (5.0, "#ff0000"), (9.0, "#ffffff"))
+    assert color_strip.move_point(colors, 1, 20.0, "#ff0000")[1] == (9.0, "#ff0000")
+    assert color_strip.move_point(colors, 2, 20.0, "#ffffff")[2] == (20.0, "#ffffff")
+    assert color_strip.add_point(colors, 7.0, "#00ff00")[0][2] == (7.0, "#00ff00")
+    assert color_strip.code_of([0.0, 0.5, 1.2]) == "#0080ff"
 
 
 # --- states -------------------------------------------------------------------------------------------------------
