@@ -5,8 +5,7 @@ Extinctions and emissions of overlapping layers add up at every depth of a ray.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from copy import copy
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -109,7 +108,7 @@ class Layer:
     function's opacities. threshold: as of `extract`. clip: conditions on the volume's box, or planes; None: the planes
     of the scene. surfaces: smoothing of a segmentation's surfaces, as of `surfaces`; None: boxes of voxels. uncut: part
     that planes leave whole: labels of the volume, a number or several, or "3,7"; or what `Volume.masked` accepts.
-    only_slices: whether slices and caps alone show it.
+    only_slices: whether slices and caps alone show it. held: returns its splats, if they are extracted elsewhere.
     """
 
     volume: Volume | Any
@@ -121,6 +120,7 @@ class Layer:
     surfaces: float | None = None
     uncut: Any = None
     only_slices: bool = False
+    held: Callable[[], Splats] | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.opacity <= 1:
@@ -136,12 +136,12 @@ class Layer:
         change = self.volume.world.change(frame, unit)
         if change is None:
             return self
-        layer = copy(self)
-        object.__setattr__(layer, "volume", self.volume.placed(frame, unit))
-        object.__setattr__(layer, "transfer", self.transfer and self.transfer.rescaled(change.length))
-        if self.clip is not None:
-            object.__setattr__(layer, "clip", change_planes(parse_planes(self.clip, Box.of([self.volume])), change))
-        return layer
+        assert self.transfer is not None
+        clip = self.clip
+        if clip is not None:
+            clip = change_planes(parse_planes(clip, Box.of([self.volume])), change)
+        transfer = self.transfer.rescaled(change.length)
+        return replace(self, volume=self.volume.placed(frame, unit), transfer=transfer, clip=clip, held=None)
 
     def parts(self) -> list[Layer]:
         """The part that planes leave whole, and the rest; the layer alone if they cut all of it."""
@@ -159,12 +159,9 @@ class Layer:
         elif isinstance(mask, int | np.integer) or (isinstance(mask, list | tuple) and mask):
             labels, mask = [int(number) for number in np.atleast_1d(mask)], whole
         outside = outside and mask is whole
-        kept, rest = copy(self), copy(self)
-        for layer, beyond in ((kept, outside), (rest, not outside)):
-            object.__setattr__(layer, "volume", self.volume.masked(mask, labels, beyond))
-            object.__setattr__(layer, "uncut", None)
-        object.__setattr__(kept, "clip", ())
-        return [kept, rest]
+        kept, rest = (self.volume.masked(mask, labels, beyond) for beyond in (outside, not outside))
+        whole = replace(self, uncut=None, held=None)
+        return [replace(whole, volume=kept, clip=()), replace(whole, volume=rest)]
 
     @property
     def seen(self) -> Transfer:
@@ -332,7 +329,8 @@ class Scene:
         )
         if key not in self.made:
             self.made[key] = tuple(
-                extract_for_settings(layer.volume, layer.seen, key, layer.threshold) for layer in self.shown
+                layer.held() if layer.held else extract_for_settings(layer.volume, layer.seen, key, layer.threshold)
+                for layer in self.shown
             )
         return self.made[key]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -47,21 +47,6 @@ MOST_SCENES = 2 * len(STRIDES)
 
 
 @dataclass(frozen=True, eq=False)
-class ExtractedScene(Scene):
-    """Scene whose splats are extracted elsewhere, whatever the settings."""
-
-    take: Callable[[], tuple[Splats, ...]] = tuple
-
-    def splats(self, settings: Settings) -> tuple[Splats, ...]:
-        """The splats of each visible layer; ignores the settings."""
-        return self.take()
-
-    def __len__(self) -> int:
-        """The number of splats."""
-        return sum(map(len, self.take()))
-
-
-@dataclass(frozen=True, eq=False)
 class Document:
     """The open scene. layers: at least one; styles: of each layer. others: layers that no style names, by number.
 
@@ -79,7 +64,7 @@ class Document:
     slice_planes: tuple[str, ...] = ()
     others: Mapping[int, LayerSplats] = field(default_factory=dict)
     is_loading: bool = False
-    scenes: dict[object, ExtractedScene] = field(default_factory=dict, init=False, repr=False)
+    scenes: dict[object, Scene] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         count = sum(style.is_shown for style in self.styles)
@@ -342,24 +327,15 @@ class Document:
             return self.layers[0].at(stride), settings
         return self.scene_at(stride, settings.clip), settings.but(clip=())
 
-    def scene_at(self, stride: int, clip: Sequence[Plane]) -> ExtractedScene:
+    def scene_at(self, stride: int, clip: Sequence[Plane]) -> Scene:
         """Scene for the renderer at a stride, clipped by planes; `splatgl render` draws the same at stride 1."""
         key = stride, tuple(clip)
         if key not in self.scenes:
             while len(self.scenes) >= MOST_SCENES:
                 del self.scenes[next(iter(self.scenes))]
-            number, layers = STRIDES.index(stride), self._visible
-            if layers:
-                parts = [
-                    Layer(layer.volumes[number], layer.look, threshold=layer.threshold, clip=layer.planes)
-                    for layer in layers
-                ]
-                made = ExtractedScene(parts, clip, self.meshes, take=lambda: tuple(each.at(stride) for each in layers))
-            else:
-                first = self.layers[0]
-                clear = Layer(first.volumes[number], first.look, clip=first.planes, only_slices=True)
-                made = ExtractedScene([clear], clip, self.meshes, take=lambda: (_no_splats(first.at(stride)),))
-            self.scenes[key] = made
+            shown, first = [layer.layer_at(stride) for layer in self._visible], self.layers[0]
+            clear = replace(first.layer_at(stride), only_slices=True, held=partial(first.none_at, stride))
+            self.scenes[key] = Scene(shown or [clear], clip, self.meshes)
         return self.scenes[key]
 
     @property
@@ -391,10 +367,6 @@ class Document:
 def _fov(camera: Camera) -> float:
     """Field of view in degrees; FOV for an orthographic camera."""
     return float(np.degrees(2 * np.arctan(camera.extent / 2))) if camera.perspective else FOV
-
-
-def _no_splats(splats: Splats) -> Splats:
-    return splats.part(np.zeros(len(splats), bool))
 
 
 def read_layer(source: SceneFile, scene: SceneFile, quiet: bool = False) -> list[tuple[LayerSplats, LayerStyle]]:

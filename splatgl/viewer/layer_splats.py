@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
+
+import numpy as np
 
 from splatgl.data.affine import World
 from splatgl.data.halving import halve_volume
@@ -164,6 +166,16 @@ class LayerSplats:
             options = {"progress": progress, "classification": how, "kernel": kernel}
             self.made[stride] = extract(volume, self.look, self.threshold, **options)  # type: ignore[arg-type]
         return self.made[stride]
+
+    def layer_at(self, stride: int) -> Layer:
+        """The layer of a scene, with the splats at a stride."""
+        volume = self.volumes[STRIDES.index(stride)]
+        return Layer(volume, self.look, threshold=self.threshold, clip=self.planes, held=partial(self.at, stride))
+
+    def none_at(self, stride: int) -> Splats:
+        """None of the splats at a stride."""
+        splats = self.at(stride)
+        return splats.part(np.zeros(len(splats), bool))
 
     def shell(self, stride: int, progress: Progress | None = None) -> Splats:
         """The splats at a stride without those hidden from every side."""

@@ -53,8 +53,9 @@ def scene_png(scene: Scene) -> bytes | None:
         small = reduce_volume(layer.volume)
         if small is None:
             return None
-        # its opacity is in the transfer function
-        layers.append(Layer(small, layer.seen, clip=layer.clip, threshold=layer.threshold))
+        # surfaces are among the meshes
+        is_clear = layer.only_slices or layer.surfaces is not None
+        layers.append(replace(layer, volume=small, surfaces=None, only_slices=is_clear, held=None))
     return _draw(Scene(layers, scene.clip, scene.meshes))
 
 
