@@ -20,9 +20,9 @@ from splatgl.errors import USER_ERRORS, InputError, expected, list_names
 from splatgl.fileio import budget, format_bytes
 from splatgl.readers import require_source
 from splatgl.readers.channels import TIME_HINT
-from splatgl.scene.meshes import is_mesh, surfaces_of
+from splatgl.scene.meshes import Vectors, is_mesh, surfaces_of
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.transfer_choice import AMOUNT_KEYS, CHANNEL_KEYS, COLOR_KEYS, SeriesLook, with_window
+from splatgl.scene.transfer_choice import AMOUNT_KEYS, CHANNEL_KEYS, COLOR_KEYS, SeriesLook, faint_share, with_window
 from splatgl.scene.view import FIT_OF_0_3
 from splatgl.splat.colormaps import labels_of
 from splatgl.splat.presets import slice_defaults
@@ -61,16 +61,17 @@ class OpenScene:
     fixed_camera: Camera | None = None
 
     @classmethod
-    def read(cls, file: SceneFile, is_quiet: bool = True) -> OpenScene:
-        """Reads the first volume, and prints notes on it. Raises InputError for a picture too small for its
-        annotations.
+    def read(cls, file: SceneFile, is_quiet: bool = True, is_live: bool = False) -> OpenScene:
+        """Reads the first volume, and prints notes on it. is_live: whether a window of any size shows it, at all times
+        of its file. Raises InputError for a picture too small for its annotations.
         """
-        check_size(file.annotate, file.view.size)
+        if not is_live:
+            check_size(file.annotate, file.view.size)
         volume = file.open()
         # before notes on the first volume
         for layer in (layer for layer in file.layers if layer.held is None and layer.volume not in SCENES):
             require_source(layer.volume)
-        print_notes(volume, is_quiet)
+        print_notes(volume, is_quiet, has_times=is_live)
         return cls.of(file, volume, is_quiet)
 
     @classmethod
@@ -85,7 +86,11 @@ class OpenScene:
         """Whether the picture is of one volume, which may be drawn in bricks or at a coarser level; else of several
         layers or channels, or with meshes.
         """
-        return not is_layered(self.file, self.volume)
+        file = self.file
+        of_channels = len(self.volume.channels) > 1 or file.transfer.keys() & {"color_of", "window_of"}
+        is_hidden = is_mesh(file.volume) or not file.visible
+        has_meshes = file.meshes or file.slice_planes or file.surfaces is not None or file.vectors.has_lines
+        return not (file.layers or has_meshes or of_channels or is_hidden or file.uncut)
 
     @cached_property
     def scene(self) -> Scene:
@@ -308,15 +313,6 @@ def without_background(settings: Settings, names: tuple[str, ...]) -> Settings:
     return replace(settings, background=None) if "box" in names and not BLENDS[settings.blend].unbounded else settings
 
 
-def is_layered(file: SceneFile, volume: Volume) -> bool:
-    """Whether the picture of a scene is of several layers or channels, or with meshes."""
-    of_channels = len(volume.channels) > 1 or file.transfer.keys() & {"color_of", "window_of"}
-    is_hidden = is_mesh(file.volume) or not file.visible
-    has_surfaces = file.surfaces is not None or file.vectors.has_lines
-    has_meshes = file.meshes or file.slice_planes or has_surfaces
-    return bool(file.layers or has_meshes or of_channels or is_hidden or file.uncut)
-
-
 def visible_layers(file: SceneFile, volume: Volume, transfer: Transfer, is_quiet: bool = True) -> list[Layer]:
     """The layers of a scene; if none is visible, the first one, clear. volume, transfer: of the first layer.
 
@@ -324,10 +320,8 @@ def visible_layers(file: SceneFile, volume: Volume, transfer: Transfer, is_quiet
     """
     layers = channel_layers(file, volume, transfer)
     for layer in (layer for layer in file.layers if layer.visible):
-        source, other, planes = open_layer(layer, file, is_quiet)
-        plain = replace(source, opacity=1.0)
-        channels = channel_layers(plain, other, plain.transfer_for(other), planes)
-        layers += [replace(channel, opacity=source.opacity, surfaces=layer.surfaces) for channel in channels]
+        channels = source_layers(*open_layer(layer, file, is_quiet))
+        layers += [replace(channel, surfaces=layer.surfaces) for channel in channels]
     if file.surfaces is not None:
         layers = _with_surfaces(layers, file)
     if not any(layer.visible and layer.opacity for layer in layers):
@@ -347,6 +341,14 @@ def open_layer(
     print_notes(volume, is_quiet, has_times=has_times, layer=source.volume)
     planes = None if source.clip is None and not source.crop else source.cut(volume).settings.clip
     return source, volume, planes
+
+
+def source_layers(file: SceneFile, volume: Volume, planes: tuple[Plane, ...] | None = None) -> list[Layer]:
+    """The layers of a source, as of `channel_layers`, with its opacity beside their transfer functions."""
+    plain = replace(file, opacity=1.0, layers=(), vectors=Vectors())
+    transfer = plain.transfer_for(volume)
+    opacity = file.opacity * faint_share(file, volume, transfer)
+    return [replace(layer, opacity=opacity) for layer in channel_layers(plain, volume, transfer, planes)]
 
 
 def channel_layers(

@@ -18,10 +18,9 @@ from splatgl.data.color import AUTO
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.scene.meshes import MeshFile, Vectors, read_meshes, source_key, styled_mesh, surfaces_of
-from splatgl.scene.open_scene import channel_layers, cut_scene, is_layered, on_background, open_layer, print_notes
+from splatgl.scene.meshes import MeshFile, read_meshes, source_key, styled_mesh, surfaces_of
+from splatgl.scene.open_scene import OpenScene, channel_layers, on_background, open_layer, source_layers
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.transfer_choice import faint_share
 from splatgl.scene.view import FOV, ViewOptions
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.clipping import Plane
@@ -97,13 +96,13 @@ class Document:
         if scene.slices:
             fix = "splatgl render draws it; --slice-plane shows it in space"
             raise expected("slice", "none in the window, which draws in space", scene.slices[0], fix)
-        volume = scene.open()
-        print_notes(volume, quiet, has_times=True)
-        scene, volume = cut_scene(scene, volume)
+        opened = OpenScene.read(scene, quiet, is_live=True)
+        scene, volume = opened.file, opened.volume
         # refuses a bad one
         Movie.of(scene.animation, volume)
-        pairs = _channels(scene, volume, scene.settings, None, folds_opacity=not is_layered(scene, volume))
-        scene = on_background(scene, volume, pairs[0][1].base)
+        # of a single volume the opacity is in the transfer function
+        own = channel_layers(scene, volume, opened.transfer) if opened.is_single else source_layers(scene, volume)
+        pairs = _styled(scene, volume, own, scene.settings)
         for source in scene.layers:
             pairs += read_layer(source, scene, quiet)
         layers = tuple(layer for layer, _ in pairs)
@@ -372,24 +371,21 @@ def _fov(camera: Camera) -> float:
 def read_layer(source: SceneFile, scene: SceneFile, quiet: bool = False) -> list[tuple[LayerSplats, LayerStyle]]:
     """Layers and styles of a file that is laid over a scene, one for each channel. Raises InputError as its reader."""
     _, volume, planes = open_layer(source, scene, quiet, has_times=True)
-    return _channels(source, volume, scene.settings, planes)
+    return _styled(source, volume, source_layers(source, volume, planes), scene.settings)
 
 
-def _channels(
-    source: SceneFile, volume: Volume, settings: Settings, clip: tuple[Plane, ...] | None, folds_opacity: bool = False
+def _styled(
+    source: SceneFile, volume: Volume, channels: Sequence[Layer], settings: Settings
 ) -> list[tuple[LayerSplats, LayerStyle]]:
-    """Layer and style of each channel of a source. folds_opacity: into the transfer function."""
-    # the opacity is of the style
-    plain = source if folds_opacity else replace(source, opacity=1.0, layers=(), vectors=Vectors())
-    transfer = plain.transfer_for(volume)
-    opacity = 1.0 if folds_opacity else source.opacity * faint_share(source, volume, transfer)
+    """Layer and style of each channel of a source."""
     pairs = []
-    for number, channel in enumerate(channel_layers(plain, volume, transfer, clip)):
+    for number, channel in enumerate(channels):
         scene = replace(source, settings=settings, layers=(), meshes=())
         if len(volume.channels) > 1:
             scene = replace(scene, load={**source.load, "channel": _channel(source.load.get("channel"), number)})
         name = source.title * (len(volume.channels) < 2) or channel.volume.name or source.volume
-        style = LayerStyle(channel.seen, source.threshold, 1.0, opacity, source.visible)
+        assert channel.transfer is not None
+        style = LayerStyle(channel.transfer, source.threshold, 1.0, channel.opacity, source.visible)
         style = style_with_segments(style, channel.volume, source.transfer)
         # the first has what is known of the file: its view and time points
         samples = channel.volume
