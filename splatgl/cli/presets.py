@@ -14,7 +14,7 @@ from splatgl.data.halving import subsample
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
-from splatgl.scene.open_scene import with_background
+from splatgl.scene.open_scene import OpenScene, print_notes, with_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.presets import PRESETS, default_transfer, preset
 from splatgl.splat.settings import Settings
@@ -72,7 +72,6 @@ def run(args: argparse.Namespace) -> int:
     looks = {DEFAULT: (default_transfer(volume), scene.settings), **dict(looks_of(volume, scene.settings))}
     from splatgl.fileio import write_file
     from splatgl.scene.draw import DrawOptions, progress_bar
-    from splatgl.scene.open_scene import print_notes
 
     print_notes(whole, is_alone=True)
     camera = scene.view.camera(volume, volume)
@@ -122,7 +121,7 @@ def draw_preset(
     from PIL import Image as Pillow
 
     transfer, settings = look
-    splats = replace(scene, settings=settings).splats(volume, transfer)
+    splats = OpenScene(replace(scene, settings=settings), volume, transfer).splats
     if not len(splats):
         return None
     image = renderer.render(splats, camera, with_background(settings, transfer.shading))

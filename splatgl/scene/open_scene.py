@@ -111,8 +111,11 @@ class OpenScene:
     @cached_property
     def splats(self) -> Splats:
         """The splats of the first volume."""
-        progress = None if self.is_quiet else extraction_bar
-        return self.file.splats(self.volume, self.transfer, progress, self.is_moving)
+        from splatgl.splat.resolve import extract_for_settings
+
+        progress, file = None if self.is_quiet else extraction_bar, self.file
+        look = self.volume, self.transfer, file.settings, file.threshold
+        return extract_for_settings(*look, progress, self.is_moving)
 
     @property
     def subject(self) -> Splats | Scene:

@@ -25,7 +25,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -105,11 +105,6 @@ from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.slices import SLICE_PLANES, SLICES
 from splatgl.splat.statistics import without_far_values
 from splatgl.splat.transfer import Transfer
-
-if TYPE_CHECKING:
-    from splatgl.splat.extract import Progress
-    from splatgl.splat.splats import Splats
-
 
 # types of the keys of a scene file that are not options
 TABLES: dict[str, type] = {
@@ -592,14 +587,6 @@ class SceneFile:
         settings = replace(self.settings, clip=(*self.settings.clip, *planes, *sides))
         view = self.view.fitted(Part(clip_corners(sides, volume.corners), volume.frame)) if sides else self.view
         return replace(self, clip=None, crop="", settings=settings, view=view)
-
-    def splats(
-        self, volume: Volume, transfer: Transfer, progress: Progress | None = None, moving: bool = False
-    ) -> Splats:
-        """Returns splats of the scene, classified by its settings. moving: whether pictures are motion-blurred."""
-        from splatgl.splat.resolve import extract_for_settings
-
-        return extract_for_settings(volume, transfer, self.settings, self.threshold, progress, moving)
 
     def with_preset_blend(self) -> SceneFile:
         """Returns the scene with the blend of its preset, unless the settings specify one."""

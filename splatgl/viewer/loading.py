@@ -13,7 +13,7 @@ from splatgl.animation.movie import by_numbers, time_points
 from splatgl.data.mesh import Mesh
 from splatgl.data.scenes import SCENES
 from splatgl.errors import Choice, InputError
-from splatgl.readers import list_volumes, load
+from splatgl.readers import list_volumes
 from splatgl.readers.remote import is_address
 from splatgl.scene.draw import print_lines
 from splatgl.scene.meshes import MeshFile, Vectors, is_mesh, read_meshes, source_key
@@ -93,7 +93,7 @@ def _file_options(scene: SceneFile, document: Document) -> tuple[FileOption, ...
 def _other_values(scene: SceneFile, option: str) -> tuple[tuple[str, str], ...]:
     """The values that a reader offers when the option is missing."""
     try:
-        volume = load(scene.volume, **{name: value for name, value in scene.load.items() if name != option})
+        volume = SceneFile(scene.volume, {name: value for name, value in scene.load.items() if name != option}).open()
     except Choice as error:
         return _values_of(scene.volume, error) if error.option == option else ()
     except InputError:

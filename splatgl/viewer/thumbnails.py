@@ -14,8 +14,7 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.splat.camera import Camera
-from splatgl.splat.presets import default_transfer
-from splatgl.splat.scene import Layer, Scene
+from splatgl.splat.scene import Scene
 from splatgl.splat.settings import Settings
 from splatgl.splat.statistics import without_far_values
 from splatgl.splat.transfer import Transfer
@@ -35,7 +34,7 @@ def volume_html(volume: Volume) -> str:
     facts = list(volume.facts)
     try:
         small = None if volume.points is not None else reduce_volume(volume)
-        png = None if small is None else _draw(Scene([Layer(small, default_transfer(small))]))
+        png = None if small is None else _draw(Scene([small]))
     except InputError as error:
         png, facts = None, [*facts, ("no picture", str(error))]
     source = f"data:image/png;base64,{b64encode(png).decode()}" if png else ""

@@ -45,6 +45,33 @@ FACADES = {
 CYCLES = {"splatgl.data.volume", "splatgl.splat.scene"}
 # Rooms whose classes inherit only from protocols, exceptions and classes of libraries.
 COMPOSED = ("viewer/",)
+# What reads, places, masks, cuts and extracts for a picture, and the one room that calls it above `splat`; and other
+# files that do, with the reason.
+LOADER = "scene/"
+LOADING = {
+    "splatgl.readers.load",
+    "splatgl.splat.extract.extract",
+    "splatgl.splat.resolve.extract_for_settings",
+    "splatgl.splat.scissors.cut_volume",
+    *(".placed", ".masked", ".transfer_for"),
+}
+LOADS = {
+    "animation/animation.py": "the subject of frames on a worker",
+    "cli/convert.py": "files for files",
+    "cli/doctor.py": "headers, and scenes to try a renderer",
+    "cli/pyramid.py": "levels for a store",
+    "cli/surface.py": "meshes for files",
+    "distributed/render.py": "parts of a volume on workers",
+    "gl/large_volumes.py": "parts of a volume, one after the other",
+    "integrations/napari/reader.py": "layers of napari, which it places",
+    "integrations/vtk/scene.py": "masks of a plotter's volumes",
+    "report/sweep.py": "splats of coarser voxels",
+    "viewer/document.py": "layers and meshes of files that come later, in the frame of those that are shown",
+    "viewer/lasso_tool.py": "asks whether scissors leave anything",
+    "viewer/layer_splats.py": "splats at each stride",
+    "viewer/saving.py": "looks of a scene that is saved",
+    "writers/__init__.py": "volumes for files",
+}
 # Files that are shorter than SHORT_FILE and have one importer, or none, and what names them.
 SHORT_FILE = 80
 SHORT_FILES = {
@@ -219,12 +246,36 @@ def inherited() -> list[str]:
     ]
 
 
+def loading(path: Path) -> list[str]:
+    """Calls of LOADING in a file."""
+    names, found = dict[str, str](), list[str]()
+    for node in ast.walk(parse(path)):
+        if isinstance(node, ast.ImportFrom):
+            names |= {each.asname or each.name: f"{node.module}.{each.name}" for each in node.names}
+    for node in ast.walk(parse(path)):
+        if isinstance(node, ast.Call):
+            called = ast.unparse(node.func)
+            first, _, last = called.rpartition(".")
+            full = f"{names[first]}.{last}" if first in names else names.get(called, called)
+            found += [f"{relative(path)}:{node.lineno} calls {called}"] * bool({full, f".{last}"} & LOADING)
+    return found
+
+
 def lines_of(path: Path) -> int:
     return len(path.read_text(encoding="utf-8").splitlines())
 
 
 def test_all_rooms_have_a_level() -> None:
     assert {room for path in files() if (room := room_of(path)) is not None} == set(LEVEL)
+
+
+def test_scenes_are_opened_in_one_place() -> None:
+    """No second loader: what draws takes its layers from `scene`."""
+    lower = LEVEL["splat"]
+    upper = [path for path in files() if (room := room_of(path)) is not None and LEVEL[room] > lower]
+    found = {relative(path): calls for path in upper if (calls := loading(path))}
+    own = {place for place in found if place.startswith(LOADER)}
+    assert own and not [found[place] for place in found.keys() - own - LOADS.keys()]
 
 
 def has_rows(path: Path) -> bool:
@@ -328,6 +379,16 @@ def test_plans_in_reference_are_found(tmp_path: Path, monkeypatch: pytest.Monkey
         "import splatgl.splat.plan\nfrom splatgl.splat import plan, resolve\nfrom splatgl.splat.plan import Plan"
     )
     assert len(uses("reference/", "splatgl.splat.plan")) == 3
+
+
+def test_loaders_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(globals(), "PACKAGE", tmp_path)
+    path = tmp_path / "x.py"
+    path.write_text(
+        "from splatgl import readers\nfrom splatgl.readers import load as read, scan\nread(1)\nreaders.load(2)\n"
+        "volume.placed('LPS')\nload(3)\nscan(4)\nlayer.placed"
+    )
+    assert [call.partition(" ")[0] for call in loading(path)] == ["x.py:3", "x.py:4", "x.py:5"]
 
 
 def test_cycles_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

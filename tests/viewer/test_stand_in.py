@@ -10,6 +10,7 @@ import pytest
 import splatgl as sg
 from splatgl.data.halving import subsample
 from splatgl.fileio import PROCESS
+from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.bricks import EACH, SAMPLE
 from splatgl.splat.settings import Settings
@@ -115,9 +116,7 @@ def test_a_level_is_saved_with_its_scene(
     document = Document.open(SceneFile(str(tmp_path / "v.zarr"), transfer={"points": SOFT.points}))
     found = scene_of(State.of(document, (20, 16)), document)
     assert found.load == {"level": 1} and found.open().shape == document.volume.shape
-    assert np.array_equal(
-        found.splats(found.open(), found.transfer_for(found.open())).records, document.layers[0].at(1).records
-    )
+    assert np.array_equal(OpenScene.of(found, found.open()).splats.records, document.layers[0].at(1).records)
 
 
 @pytest.mark.long
