@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.animation.movie import by_numbers, time_points
 from splatgl.data.mesh import Mesh
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from splatgl.viewer.state import History, State
     from splatgl.viewer.trackball import Pose
 
+T = TypeVar("T")
+
 # --- arrays and channels that a file offers ---------------------------------------------------------------------------
 
 # options of `load` that choose one of several volumes of a file
@@ -47,32 +49,22 @@ EVERY = "all"
 
 def open_document(scene: SceneFile) -> tuple[Document, tuple[FileOption, ...]]:
     """The document of a scene, and the options of its file. Where one must be chosen, the first value is."""
-    try:
-        document = Document.open(scene)
-    except Choice as error:
-        values = _values_of(scene.volume, error)
-        if error.option not in CHOOSING or not values or error.option in scene.load:
-            raise
-        document, others = open_document(replace(scene, load={**scene.load, error.option: values[0][0]}))
-        return document, (
-            FileOption(error.option, values),
-            *(other for other in others if other.option != error.option),
-        )
-    return document, _file_options(scene, document)
+    document, scene, chosen = _read_first(scene, Document.open)
+    names = {option.option for option in chosen}
+    return document, (*chosen, *(other for other in _file_options(scene, document) if other.option not in names))
 
 
-def _read_first(source: SceneFile, scene: SceneFile) -> list[tuple[LayerSplats, LayerStyle]]:
-    """The layers of a file over a scene. Where one of several volumes must be chosen, the first is."""
+def _read_first(source: SceneFile, read: Callable[[SceneFile], T]) -> tuple[T, SceneFile, tuple[FileOption, ...]]:
+    """What `read` returns for a source that chooses the first of several volumes; the source, and its choices."""
     try:
-        pairs = read_layer(source, scene)
+        return read(source), source, ()
     except Choice as error:
         values = _values_of(source.volume, error)
         if error.option not in CHOOSING or not values or error.option in source.load:
             raise
-        return _read_first(replace(source, load={**source.load, error.option: values[0][0]}), scene)
-    for layer, _ in pairs:
-        layer.shell(STRIDES[-1])
-    return pairs
+        first = replace(source, load={**source.load, error.option: values[0][0]})
+        found, first, others = _read_first(first, read)
+        return found, first, (FileOption(error.option, values), *others)
 
 
 def _file_options(scene: SceneFile, document: Document) -> tuple[FileOption, ...]:
@@ -279,8 +271,14 @@ class Files:
         meshes = tuple(MeshFile(path) for path in paths if is_mesh(path))
 
         def read() -> Added:
-            parts = [part for path in paths if not is_mesh(path) for part in _read_first(SceneFile(path), scene)]
-            return Added(tuple(parts), meshes, read_meshes(meshes))
+            sources, open_layers = (
+                (SceneFile(path) for path in paths if not is_mesh(path)),
+                partial(read_layer, scene=scene),
+            )
+            parts = tuple(part for source in sources for part in _read_first(source, open_layers)[0])
+            for layer, _ in parts:
+                layer.shell(STRIDES[-1])
+            return Added(parts, meshes, read_meshes(meshes))
 
         name = f"reading {Path(paths[0]).name}"
         self._read(Kind.ADD, name, read, name)
