@@ -100,13 +100,28 @@ class OpenScene:
 
         meshes = [mesh.open() for mesh in surfaces_of(self.file) if mesh.visible]
         meshes += self.file.vectors.meshes(self.volume)
-        layers = visible_layers(self.file, self.volume, self.transfer, self.is_quiet)
         planes = [Slice(text) for text in self.file.slice_planes]
-        scene = Scene(layers, self.file.settings.clip, meshes, planes)
+        scene = Scene(self._visible_layers(), self.file.settings.clip, meshes, planes)
         if not self.is_quiet:
             for note in scene.notes:
                 print(f"splatgl: {note}", file=sys.stderr)
         return scene
+
+    def own_layers(self) -> list[Layer]:
+        """The layers of the first volume, one for each channel."""
+        return channel_layers(self.file, self.volume, self.transfer)
+
+    def _visible_layers(self) -> list[Layer]:
+        """The layers; if none is visible, the first one, clear."""
+        layers, file = self.own_layers(), self.file
+        for layer in (layer for layer in file.layers if layer.visible):
+            channels = source_layers(*open_layer(layer, file, self.is_quiet))
+            layers += [replace(channel, surfaces=layer.surfaces) for channel in channels]
+        if file.surfaces is not None:
+            layers = _with_surfaces(layers, file)
+        if not any(layer.visible and layer.opacity for layer in layers):
+            return [replace(layers[0], only_slices=True, opacity=1.0, visible=True)]
+        return layers
 
     @cached_property
     def splats(self) -> Splats:
@@ -314,22 +329,6 @@ def without_background(settings: Settings, names: tuple[str, ...]) -> Settings:
     the box come between both. Sums have no background.
     """
     return replace(settings, background=None) if "box" in names and not BLENDS[settings.blend].unbounded else settings
-
-
-def visible_layers(file: SceneFile, volume: Volume, transfer: Transfer, is_quiet: bool = True) -> list[Layer]:
-    """The layers of a scene; if none is visible, the first one, clear. volume, transfer: of the first layer.
-
-    is_quiet: whether notes on files of the other layers are not printed.
-    """
-    layers = channel_layers(file, volume, transfer)
-    for layer in (layer for layer in file.layers if layer.visible):
-        channels = source_layers(*open_layer(layer, file, is_quiet))
-        layers += [replace(channel, surfaces=layer.surfaces) for channel in channels]
-    if file.surfaces is not None:
-        layers = _with_surfaces(layers, file)
-    if not any(layer.visible and layer.opacity for layer in layers):
-        return [replace(layers[0], only_slices=True, opacity=1.0, visible=True)]
-    return layers
 
 
 def open_layer(

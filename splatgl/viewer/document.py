@@ -19,7 +19,7 @@ from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.scene.meshes import MeshFile, read_meshes, source_key, styled_mesh, surfaces_of
-from splatgl.scene.open_scene import OpenScene, channel_layers, on_background, open_layer, source_layers
+from splatgl.scene.open_scene import OpenScene, on_background, open_layer, source_layers
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV, ViewOptions
 from splatgl.splat.camera import Bounded, Camera
@@ -101,7 +101,7 @@ class Document:
         # refuses a bad one
         Movie.of(scene.animation, volume)
         # of a single volume the opacity is in the transfer function
-        own = channel_layers(scene, volume, opened.transfer) if opened.is_single else source_layers(scene, volume)
+        own = opened.own_layers() if opened.is_single else source_layers(scene, volume)
         pairs = _styled(scene, volume, own, scene.settings)
         for source in scene.layers:
             pairs += read_layer(source, scene, quiet)
