@@ -18,8 +18,7 @@ from splatgl.gl.screen import GROUNDS
 from splatgl.scene.open_scene import on_background
 from splatgl.scene.view import PLANES_UP, ROWS_UP, angles
 from splatgl.splat.clipping import Plane
-from splatgl.splat.plan import plan
-from splatgl.splat.scene import channel_opacity
+from splatgl.splat.scene import channel_opacity, plan_scene
 from splatgl.splat.settings import BLENDS, Settings, choices
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts
@@ -222,9 +221,8 @@ def why_not(settings: Settings, state: State, document: Document) -> str:
     """The reason why the document cannot be drawn with these settings; "" if it can."""
     try:
         shown = document.with_styles(state.styles, state.mesh_files, settings)
-        splats = shown.drawn_layers[0].at(STRIDES[-1])
-        chosen = plan(splats, state.pose.camera, settings.but(classification="auto"))
-        shown.check(settings, chosen.resolved)
+        subject, drawn_with = shown.subject_at(STRIDES[-1], settings.but(classification="auto"))
+        plan_scene(subject, state.pose.camera, drawn_with)
     except InputError as error:
         return str(error)
     return ""

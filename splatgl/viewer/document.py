@@ -25,9 +25,8 @@ from splatgl.scene.view import FOV, ViewOptions
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.clipping import Plane
 from splatgl.splat.extract import Progress
-from splatgl.splat.resolve import Resolved
-from splatgl.splat.scene import MOST_LAYERS, Layer, Scene, check_layer
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.scene import MOST_LAYERS, Layer, Scene
+from splatgl.splat.settings import Settings
 from splatgl.splat.slices import Slice, parse_slices
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
@@ -291,13 +290,6 @@ class Document:
         """The document without splats that extraction would not give."""
         layers = tuple(layer if layer.is_current else layer.without_splats() for layer in self.layers)
         return self if layers == self.layers else replace(self, layers=layers)
-
-    def check(self, settings: Settings, resolved: Resolved) -> None:
-        """Raises InputError for settings that layers, or meshes, are not drawn with."""
-        if self.is_layered:
-            check_layer(resolved, self.names[0])
-        if (self.mesh_files or self.slice_planes) and not BLENDS[settings.blend].ordered:
-            raise expected("meshes", "blend composite", settings.blend)
 
     # --- the picture ------------------------------------------------------------------------------------------------
 
