@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import pickle
 import platform
 import subprocess
 import time
@@ -227,6 +228,15 @@ def test_a_reference_is_drawn_by_a_process_that_ends_at_once(
     monkeypatch.setitem(KERNELS, "own", cast(Any, lambda: None))
     request(12, sg.Settings())
     wait(lambda: reference.note.startswith("no reference: another process"))
+
+
+def test_references_of_layers_go_to_the_process(document: Document) -> None:
+    layered = Document.open(replace(document.scene, layers=(document.scene,)))
+    layered.extract(1)
+    inputs = ReferenceInputs.of(layered, layered.home((6, 4)).camera, sg.Settings())
+    sent = pickle.loads(pickle.dumps(inputs.splats))
+    pictures = [sg.reference.render(each, inputs.camera, inputs.settings).pixels for each in (inputs.splats, sent)]
+    assert np.array_equal(*pictures) and pictures[0].any()
 
 
 def test_a_message_stands_below_the_axes_of_a_narrow_picture(document: Document) -> None:
