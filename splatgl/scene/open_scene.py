@@ -108,8 +108,12 @@ class OpenScene:
         return scene
 
     def own_layers(self) -> list[Layer]:
-        """The layers of the first volume, one for each channel."""
-        return channel_layers(self.file, self.volume, self.transfer)
+        """The layers of the first volume, one for each channel; of a single volume with its opacity in the transfer
+        function.
+        """
+        if self.is_single:
+            return channel_layers(self.file, self.volume, self.transfer)
+        return source_layers(self.file, self.volume)
 
     def _visible_layers(self) -> list[Layer]:
         """The layers; if none is visible, the first one, clear."""

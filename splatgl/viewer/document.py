@@ -99,9 +99,7 @@ class Document:
         scene, volume = opened.file, opened.volume
         # refuses a bad one
         Movie.of(scene.animation, volume)
-        # of a single volume the opacity is in the transfer function
-        own = opened.own_layers() if opened.is_single else source_layers(scene, volume)
-        pairs = _styled(scene, volume, own, scene.settings)
+        pairs = _styled(scene, volume, opened.own_layers(), scene.settings)
         for source in scene.layers:
             pairs += read_layer(source, scene, quiet)
         layers = tuple(layer for layer, _ in pairs)

@@ -244,6 +244,16 @@ def test_meshes_look_as_their_files_say(folder: Path) -> None:
     assert np.array_equal(mesh.normals, right.normals)
 
 
+def test_opacities_of_layers_are_those_of_stills(folder: Path) -> None:
+    """Beside the transfer functions, also of the first: slices of layers that add up multiply them."""
+    from splatgl.scene.open_scene import OpenScene
+
+    other = SceneFile(str(folder / "blob.npy"), opacity=0.3)
+    scene = replace(other, opacity=0.5, layers=(other,))
+    opacities = [layer.opacity for layer in OpenScene.read(scene).scene.shown]
+    assert opacities == [style.opacity for style in Document.open(scene).styles] == [0.5, 0.3]
+
+
 def test_blends_without_an_order_draw_no_meshes(state: State, document: Document) -> None:
     assert why_not(state.settings.but(blend="mip"), state, document)
     assert acted(state, "blend", document).settings.blend == "composite"
