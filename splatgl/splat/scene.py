@@ -211,7 +211,9 @@ class Scene:
         object.__setattr__(self, "planes", tuple(own))
         meshes = [mesh.placed(*world) for mesh in self.meshes]
         surfaces, notes = self._segment_surfaces()
-        self.place_meshes([*((mesh, planes) for mesh in meshes), *surfaces])
+        object.__setattr__(self, "whole", (*((mesh, planes) for mesh in meshes), *surfaces))
+        object.__setattr__(self, "sliced", tuple(self._slice_meshes()))
+        object.__setattr__(self, "meshes", self._clipped_meshes(()))
         object.__setattr__(self, "notes", (*notes, *self._unit_notes()))
 
     @classmethod
@@ -277,12 +279,6 @@ class Scene:
         self.require_voxels(what)
         looks = [(x, x.transfer) for x in self.shown if x.transfer is not None]
         return Painter([Painted(x.volume, slice_colors(x.volume, look), x.opacity) for x, look in looks])
-
-    def place_meshes(self, whole: Sequence[tuple[Mesh, tuple[Plane, ...]]]) -> None:
-        """Sets the meshes of a scene that is being made: `whole`, clipped, their caps, and slices."""
-        object.__setattr__(self, "whole", tuple(whole))
-        object.__setattr__(self, "sliced", tuple(self._slice_meshes()))
-        object.__setattr__(self, "meshes", self._clipped_meshes(()))
 
     def _slice_meshes(self) -> list[Mesh]:
         if not self.slices:
