@@ -29,7 +29,7 @@ from splatgl.errors import expected
 from splatgl.options import Group, declared, names_of
 from splatgl.scene.draw import DrawOptions, WorkerOptions, depths_of, draw, finish, progress_bar
 from splatgl.scene.meshes import is_mesh
-from splatgl.scene.open_scene import OpenScene
+from splatgl.scene.open_scene import OpenScene, channel_layers
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 
@@ -199,7 +199,7 @@ def _draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> I
     file, settings = scene.file, scene.settings
     require_built_in(settings.kernel)
     # refuses options of channels beside a single one
-    scene.own_layers()
+    channel_layers(file, scene.volume, scene.transfer)
     unsupported = {
         "--ambient-occlusion": settings.ambient_occlusion,
         "--shadows": settings.shadows,
