@@ -1,4 +1,4 @@
-"""Writes splatgl/keywords.py, the keywords of public functions for type checkers and editors, from declared options.
+"""Writes splatgl/keywords.pyi, the keywords of public functions for type checkers and editors, from declared options.
 
 python scripts/keywords.py
 """
@@ -18,13 +18,11 @@ from splatgl.readers.options import LoadOptions
 from splatgl.scene.groups import GROUPS, KEYWORDS
 from splatgl.splat.settings import Settings
 
-TARGET = Path(__file__).parents[1] / "splatgl" / "keywords.py"
+TARGET = Path(__file__).parents[1] / "splatgl" / "keywords.pyi"
 HEAD = '''"""Keywords of public functions for type checkers and editors.
 
 scripts/keywords.py writes this file from the declared options.
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -49,7 +47,7 @@ def write_class(name: str, about: str, table: Mapping[str, Parameter], base: str
 
 
 def compose() -> str:
-    """The text of splatgl/keywords.py."""
+    """The text of splatgl/keywords.pyi."""
     # an animation may show several time points
     common = {name: parameter for name, parameter in KEYWORDS.items() if name != "time"}
     lines: list[str] = []

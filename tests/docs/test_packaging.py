@@ -42,8 +42,8 @@ def packed_shaders(wheel: Path) -> set[str]:
 def test_wheel_carries_shaders_and_types(tmp_path: Path) -> None:
     wheel = build(ROOT, "wheel", tmp_path)
     assert shaders(ROOT) and packed_shaders(wheel) == shaders(ROOT)
-    names = zipfile.ZipFile(wheel).namelist()
-    assert "splatgl/py.typed" in names and "splatgl/gl/context.py" in names
+    names = set(zipfile.ZipFile(wheel).namelist())
+    assert {"splatgl/py.typed", "splatgl/keywords.pyi", "splatgl/gl/context.py"} <= names
     assert {name.split("/")[0] for name in names} == {"splatgl", f"splatgl-{sg.__version__}.dist-info"}
     assert not [name for name in names if name.startswith("splatgl/docs/")]
 

@@ -102,7 +102,7 @@ def relative(path: Path) -> str:
 
 
 def files() -> list[Path]:
-    return sorted(PACKAGE.rglob("*.py"))
+    return sorted([*PACKAGE.rglob("*.py"), *PACKAGE.rglob("*.pyi")])
 
 
 def module_of(path: Path) -> str:
@@ -112,7 +112,7 @@ def module_of(path: Path) -> str:
 
 def room_of(path: Path) -> str | None:
     """First folder of a file, or its stem at the top; None for the package itself."""
-    first = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    first = path.relative_to(PACKAGE).parts[0].split(".")[0]
     return None if first in ("__init__", "__main__") else first
 
 
@@ -276,6 +276,18 @@ def test_scenes_are_opened_in_one_place() -> None:
     found = {relative(path): calls for path in upper if (calls := loading(path))}
     own = {place for place in found if place.startswith(LOADER)}
     assert own and not [found[place] for place in found.keys() - own - LOADS.keys()]
+
+
+def test_only_type_checks_import_stubs() -> None:
+    """A stub has no module: an import in a function that no test calls would fail for the user."""
+    stubs = {module_of(path) for path in files() if path.suffix == ".pyi"}
+    wrong = [
+        f"{relative(path)}:{each.line}"
+        for path in files()
+        for each in imports(path)
+        if not each.typed and stubs & {each.name, each.name.rpartition(".")[0]}
+    ]
+    assert stubs and not wrong
 
 
 def has_rows(path: Path) -> bool:

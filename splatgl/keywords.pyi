@@ -3,8 +3,6 @@
 scripts/keywords.py writes this file from the declared options.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, TypedDict
@@ -14,7 +12,6 @@ import numpy as np
 from splatgl.options import OptionGroup
 
 Numbers: TypeAlias = Sequence[float] | np.ndarray
-
 
 class PictureSettingsKeywords(TypedDict, total=False):
     """Fields of `Settings` that are options of all pictures, too."""
@@ -51,13 +48,11 @@ class PictureSettingsKeywords(TypedDict, total=False):
     tolerance: float
     background: str | Numbers | None
 
-
 class SettingsKeywords(PictureSettingsKeywords, total=False):
     """Fields of `Settings`."""
 
     light: Literal["head", "matte", "glossy", "flat"]
     clip: Sequence[Numbers]
-
 
 class PictureLoadKeywords(TypedDict, total=False):
     """Fields of `LoadOptions` that are options of all pictures, too."""
@@ -78,13 +73,11 @@ class PictureLoadKeywords(TypedDict, total=False):
     point_size: float | None
     anywhere: bool
 
-
 class LoadKeywords(PictureLoadKeywords, total=False):
     """Fields of `LoadOptions`."""
 
     time: int | float | str | None
     levels: int
-
 
 class ViewKeywords(TypedDict, total=False):
     """Keywords of `View`."""
@@ -119,7 +112,6 @@ class ViewKeywords(TypedDict, total=False):
     width: str | None
     fit: Literal["all", "visible", "0.3"]
 
-
 class LookKeywords(TypedDict, total=False):
     """Keywords of `Look`."""
 
@@ -144,7 +136,6 @@ class LookKeywords(TypedDict, total=False):
     region: Sequence[Any]
     threshold: float
 
-
 class CutsKeywords(TypedDict, total=False):
     """Keywords of `Cuts`."""
 
@@ -153,7 +144,6 @@ class CutsKeywords(TypedDict, total=False):
     mask: Any | None
     uncut: str | int | Sequence[int]
     scissors: Any
-
 
 class LightKeywords(TypedDict, total=False):
     """Keywords of `Light`."""
@@ -173,7 +163,6 @@ class LightKeywords(TypedDict, total=False):
     slices: str | Sequence[str]
     slice: str | Sequence[str]
 
-
 class CheckKeywords(TypedDict, total=False):
     """Keywords of `Check`."""
 
@@ -186,7 +175,6 @@ class CheckKeywords(TypedDict, total=False):
     samples: int
     tolerance: float
 
-
 class ArrayKeywords(TypedDict, total=False):
     """Options of `Volume.of`."""
 
@@ -196,7 +184,6 @@ class ArrayKeywords(TypedDict, total=False):
     name: str | None
     array: str | int | None
     values: str | None
-
 
 class PictureKeywords(PictureSettingsKeywords, PictureLoadKeywords, LookKeywords, CutsKeywords, total=False):
     """Options of all pictures."""
@@ -258,12 +245,10 @@ class PictureKeywords(PictureSettingsKeywords, PictureLoadKeywords, LookKeywords
     cuts: OptionGroup | None
     check: OptionGroup | None
 
-
 class RenderKeywords(PictureKeywords, total=False):
     """Options of `render`, `show` and `depth_map`."""
 
     time: int | float | str | None
-
 
 class AnimateKeywords(PictureKeywords, total=False):
     """Options of `animate`."""
