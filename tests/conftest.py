@@ -18,6 +18,7 @@ import splatgl as sg
 from splatgl.gl import program
 from splatgl.gl import renderer as renderers
 from splatgl.gl.context import REQUIRE_GPU, current
+from splatgl.opengl import OpenGL
 from splatgl.readers import hdf5_files
 from splatgl.scene.draw import DrawOptions
 from splatgl.scene.shared_renderer import is_usable, shared_renderer
@@ -149,7 +150,7 @@ def shared_programs() -> Iterator[None]:
     drawing, early, opening = DrawOptions.renderer, DrawOptions.open_early, vars(renderers)["open_context"]
 
     def shared(self: DrawOptions) -> DrawOptions:
-        is_plain = self == replace(self, backend="auto", device=None, gpu=False) and REQUIRE_GPU not in os.environ
+        is_plain = self == replace(self, opengl=OpenGL()) and REQUIRE_GPU not in os.environ
         # not where a test stands in for OpenGL
         return replace(self, is_shared=self.is_shared or (is_plain and vars(renderers)["open_context"] is opening))
 

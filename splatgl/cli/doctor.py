@@ -15,10 +15,11 @@ from splatgl import reference
 from splatgl.data.mesh import Mesh
 from splatgl.data.scenes import ball
 from splatgl.data.volume import Label, Volume
-from splatgl.errors import InputError, expected
+from splatgl.errors import InputError
 from splatgl.gl.context import ContextInfo, context_info, egl_devices, open_context
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.selfcheck import Check, run_checks
+from splatgl.opengl import OpenGL
 from splatgl.platforms import BACKENDS
 from splatgl.readers import load
 from splatgl.readers.contents import identify
@@ -38,18 +39,14 @@ TURNING = Motion(spin=np.array([0.0, 0.0, 0.001]))
 BRICKS = "bricks"
 
 
-def report(backend: str = "auto", device: int | None = None, file: str | None = None) -> tuple[str, bool]:
-    """Report as text, and whether images of `backend` are correct. file: of which the header is described, "" for none,
+def report(opengl: OpenGL, file: str | None = None) -> tuple[str, bool]:
+    """Report as text, and whether images of `opengl` are correct. file: of which the header is described, "" for none,
     for a report of a fault; None: no report of one.
 
     They are not correct if no context opens, if float32 blending or filtering is wrong, or if an image differs from the
-    float64 reference. Raises InputError for an invalid backend or device.
+    float64 reference.
     """
-    if backend not in ("auto", *BACKENDS):
-        raise expected("backend", " | ".join(("auto", *BACKENDS)), backend)
-    if device is not None and device < 0:
-        raise expected("device", "an EGL device number from 0", device)
-    lines, ok = _check_backend(backend, device)
+    lines, ok = _check_backend(opengl)
     parts = [["versions", *_versions(PACKAGES if file is None else _installed())], ["backends", *_backends()], lines]
     if file:
         parts.append(["file", *describe_header(file)])
@@ -96,18 +93,18 @@ def describe_header(path: str) -> list[str]:
 
 def _backends() -> list[str]:
     """Result of each backend, and of each EGL device if there are several."""
-    candidates: list[tuple[str, int | None]] = [(name, None) for name in BACKENDS]
+    candidates = [OpenGL(name, gpu=False) for name in BACKENDS]
     devices = egl_devices()
     if len(devices) > 1:
-        candidates[:1] = [("egl", number) for number in devices]
-    return [_outcome(name, device) for name, device in candidates]
+        candidates[:1] = [OpenGL("egl", number, gpu=False) for number in devices]
+    return list(map(_outcome, candidates))
 
 
-def _outcome(name: str, device: int | None) -> str:
+def _outcome(opengl: OpenGL) -> str:
     """Line with the renderer, or the reason why there is none."""
-    label = name if device is None else f"{name} {device}"
+    label = opengl.backend if opengl.device is None else f"{opengl.backend} {opengl.device}"
     try:
-        ctx = open_context(name, device, require_gpu=False)
+        ctx = open_context(opengl)
     except InputError as error:
         return f"  {label:9} {error}"
     try:
@@ -117,10 +114,10 @@ def _outcome(name: str, device: int | None) -> str:
     return f"  {label:9} {info.renderer}, OpenGL {info.version}" + (", software" if info.software else "")
 
 
-def _check_backend(backend: str, device: int | None) -> tuple[list[str], bool]:
+def _check_backend(opengl: OpenGL) -> tuple[list[str], bool]:
     """Lines with limits and checks of a backend, and whether all required checks pass."""
     try:
-        ctx = open_context(backend, device)
+        ctx = open_context(opengl)
     except InputError as error:
         return [f"nothing can be drawn: {error}"], False
     try:
@@ -128,7 +125,7 @@ def _check_backend(backend: str, device: int | None) -> tuple[list[str], bool]:
             info, checks = context_info(ctx), run_checks(ctx)
         finally:
             ctx.release()
-        image_lines, right = _check_images(backend, device)
+        image_lines, right = _check_images(opengl)
     except Exception as error:
         return [f"pictures are WRONG on this driver: {_first_line(error)}"], False
     ok = right and all(check.passed for check in checks if check.required)
@@ -145,9 +142,9 @@ def _check_backend(backend: str, device: int | None) -> tuple[list[str], bool]:
     return lines, ok
 
 
-def _check_images(backend: str, device: int | None) -> tuple[list[str], bool]:
+def _check_images(opengl: OpenGL) -> tuple[list[str], bool]:
     """Lines with the techniques of the context and the error of each image, and whether all are correct."""
-    with Renderer(backend, device) as renderer:
+    with Renderer.on(opengl) as renderer:
         tiles = renderer.tiles is not None
         results = {name: _check_image(renderer, name, *image) for name, image in _images(tiles).items()}
     enabled = "compute shaders: draws by tiles, quads and streaks"

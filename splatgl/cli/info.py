@@ -66,7 +66,8 @@ def _info(parser: Parser, args: argparse.Namespace) -> int:
 
 def _doctor(args: argparse.Namespace) -> int:
     from splatgl.cli.doctor import report
+    from splatgl.opengl import OpenGL
 
-    text, right = report(args.backend, args.device, args.report)
+    text, right = report(OpenGL(args.backend, args.device), args.report)
     print(text)
     return 0 if right else 1

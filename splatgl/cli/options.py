@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from splatgl.animation.movie import is_pattern
 from splatgl.data.scenes import SCENES
 from splatgl.errors import SIMILAR, expected
+from splatgl.opengl import OpenGL
 from splatgl.options import Group, Option, declared, names_of
 from splatgl.platforms import CHOICES
 from splatgl.readers import require_source
@@ -55,7 +56,7 @@ def add_backend(parser: argparse.ArgumentParser, default: str = "auto") -> None:
     group.add_argument("--backend", default=default, metavar="NAME", help=f"{CHOICES} (default {default})")
     about = "number of the EGL device, from 0; splatgl doctor lists them"
     group.add_argument("--device", type=int, metavar="N", help=about)
-    group.add_argument("--gpu", action="store_true", help="fail if OpenGL is a software renderer")
+    group.add_argument("--gpu", action="store_true", default=None, help="fail if OpenGL is a software renderer")
 
 
 def add_view(parser: argparse.ArgumentParser, size: str) -> None:
@@ -153,8 +154,11 @@ def volume_source(args: argparse.Namespace) -> tuple[str, dict[str, Any]]:
 
 
 def record_of(args: argparse.Namespace, record: type[Record]) -> Record:
-    """A dataclass of the options that its fields have on the command line."""
-    given = {item.name: getattr(args, item.name, None) for item in fields(record)}
+    """A dataclass of the options that its fields, and those of OpenGL in it, have on the command line."""
+    given: dict[str, Any] = {
+        item.name: record_of(args, OpenGL) if isinstance(item.default, OpenGL) else getattr(args, item.name, None)
+        for item in fields(record)
+    }
     return record(**{name: value for name, value in given.items() if value is not None})
 
 

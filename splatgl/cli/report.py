@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from splatgl import __version__
-from splatgl.cli.options import add_backend
+from splatgl.cli.options import add_backend, record_of
 from splatgl.errors import InputError, expected
+from splatgl.opengl import OpenGL
 from splatgl.options import declared
 from splatgl.report.methods import AXES, add_kernel, methods
 from splatgl.report.sweep import LEVELS, Level, Subject, Sweep, Truths
@@ -72,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     from splatgl.report.page import publish, strip
 
     ended, scenes, strips, wanted = 0, [], {}, level.methods(args.only)
-    with Renderer(args.backend, args.device, args.gpu) as renderer:
+    with Renderer.on(record_of(args, OpenGL)) as renderer:
         for subject in subjects:
             check_size(renderer.ctx, subject.camera.size)
         try:

@@ -6,10 +6,11 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from splatgl.cli.options import add_drawing, add_source, scene_from
+from splatgl.cli.options import add_drawing, add_source, record_of, scene_from
 from splatgl.data.color import AUTO, CLEAR
 from splatgl.errors import expected
 from splatgl.fileio import check_folder
+from splatgl.opengl import OpenGL
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.adaptive_quality import TARGET
 from splatgl.viewer.show import open_window, start_reading
@@ -74,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
         from splatgl.viewer.key_bindings import load_bindings
 
         commands = load_bindings(args.bindings)
-    scene = _scene(args)
+    opengl, scene = record_of(args, OpenGL), _scene(args)
     files = start_reading(scene, args.source if args.watch else "", lambda: _scene(args))
     # imported late: bad input is reported at once
     from splatgl.viewer.viewer import Options
@@ -89,5 +90,5 @@ def run(args: argparse.Namespace) -> int:
         source=args.source,
         owns_process=True,
     )
-    open_window(files, scene, options, args.backend, args.device, args.gpu)
+    open_window(files, scene, options, opengl)
     return 0

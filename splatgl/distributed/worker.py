@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.coercion import public
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
+from splatgl.opengl import OpenGL
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
@@ -22,12 +23,12 @@ Result = TypeVar("Result")
 
 @public
 @dataclass(frozen=True)
-class Drawing:
-    """OpenGL options of workers. devices: EGL devices in turn; empty: one graphics card each, if there are several."""
+class Drawing(OpenGL):
+    """OpenGL of workers. devices: EGL devices in turn; empty: `device`, or if it is None and there are several graphics
+    cards, one each.
+    """
 
-    backend: str = "auto"
     devices: tuple[int, ...] = ()
-    gpu: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,7 @@ def renderer(drawing: Drawing) -> Renderer:
 
     if _Cache.renderer is None or _Cache.drawing != drawing:
         _release()
-        _Cache.renderer = Renderer(drawing.backend, device_of(drawing, index()), drawing.gpu)
+        _Cache.renderer = Renderer.on(replace(drawing, device=device_of(drawing, index())))
         _Cache.drawing = drawing
     return _Cache.renderer
 
@@ -115,10 +116,10 @@ def index() -> int:
 def device_of(drawing: Drawing, number: int) -> int | None:
     """The EGL device of worker `number`; None: the first that works."""
     devices = drawing.devices
-    if not devices and drawing.backend in ("auto", "egl"):
+    if not devices and drawing.device is None and drawing.may_be_egl:
         cards = graphics_cards()
         devices = cards if len(cards) > 1 else ()
-    return devices[number % len(devices)] if devices else None
+    return devices[number % len(devices)] if devices else drawing.device
 
 
 def graphics_cards() -> tuple[int, ...]:
@@ -128,7 +129,7 @@ def graphics_cards() -> tuple[int, ...]:
     cards, devices = [], egl_devices()
     for device in devices if len(devices) > 1 else ():
         try:
-            ctx = open_context("egl", device, require_gpu=True)
+            ctx = open_context(OpenGL("egl", device, gpu=True))
         except InputError:
             continue
         cards += [] if context_info(ctx).software else [device]

@@ -25,6 +25,7 @@ from splatgl.gl.backends import (
     forked,
     switch_to,
 )
+from splatgl.opengl import OpenGL
 from splatgl.platforms import BACKENDS, INSTALL
 
 REQUIRE_GPU = "SPLATGL_REQUIRE_GPU"  # environment: 1 refuses software renderers
@@ -52,32 +53,21 @@ class ContextInfo:
         return f"{self.backend}: {self.renderer}, OpenGL {self.version}{kind}"
 
 
-def open_context(
-    backend: str = "auto", device: int | None = None, *, require_gpu: bool | None = None
-) -> moderngl.Context:
+def open_context(opengl: OpenGL) -> moderngl.Context:
     """Opens the newest core context of OpenGL 3.3 to 4.6, current in this thread; free it with its `release()`.
 
-    backend: egl, osmesa or window, on Windows wgl or window, on macOS cgl or window; auto takes the first of these that
-    opens. device: the EGL device, counted from 0, which restricts the backend to egl; None takes the first graphics
-    card, else the first device that opens.
-    require_gpu refuses software renderers; None reads the environment variable SPLATGL_REQUIRE_GPU. Draw inside
-    `with current(ctx):` where several contexts are open. A forked process can neither use its parent's contexts nor
-    open one of a library that its parent had opened. Raises InputError with each backend's failure and what to install.
+    Draw inside `with current(ctx):` where several contexts are open. A forked process can neither use its parent's
+    contexts nor open one of a library that its parent had opened. Raises InputError with each backend's failure and
+    what to install.
     """
-    if backend != "auto" and backend not in BACKENDS:
-        raise expected("backend", " | ".join(("auto", *BACKENDS)), backend)
-    if device is not None and device < 0:
-        raise expected("device", "an EGL device number from 0", device)
-    if device is not None and (backend not in ("auto", "egl") or "egl" not in BACKENDS):
-        fix = "leave it out or use the backend egl" if "egl" in BACKENDS else "leave it out"
-        raise expected("device", "none, since only egl chooses one", device, fix)
+    device, require_gpu = opengl.device, opengl.gpu
     if require_gpu is None:
         require_gpu = os.environ.get(REQUIRE_GPU, "") not in ("", "0")
 
     # Try in order; the error message lists every refusal
     before = current_loader()
     refusals: list[str] = []
-    requested = "egl" if device is not None else backend
+    requested = "egl" if device is not None else opengl.backend
     for name in BACKENDS if requested == "auto" else (requested,):
         try:
             return _open(name, device, require_gpu)

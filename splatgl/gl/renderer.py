@@ -22,6 +22,7 @@ from splatgl.gl.passes import Passes
 from splatgl.gl.shader import choose_shape
 from splatgl.gl.sheet_tiles import Batches
 from splatgl.gl.target import check_size
+from splatgl.opengl import OpenGL
 from splatgl.splat.bricks import Bricks, IsVisible
 from splatgl.splat.camera import Camera
 from splatgl.splat.error_bound import bound
@@ -51,8 +52,8 @@ COMPUTE = 430
 class Renderer:
     """Headless renderer. Use it in a `with` block, or call `close()`.
 
-    backend: egl, osmesa, window or auto, as `open_context`. device: index of the EGL device. require_gpu: fail with a
-    software renderer. shape: of compute shaders, processor or card; None: SPLATGL_SHAPE, or by the device. Raises
+    backend: egl, osmesa, window or auto. device: index of the EGL device. require_gpu: fail with a software renderer.
+    shape: of compute shaders, processor or card; None: SPLATGL_SHAPE, or by the device. Raises
     InputError if no context can be opened.
     """
 
@@ -60,7 +61,7 @@ class Renderer:
         self, backend: str = "auto", device: int | None = None, require_gpu: bool = False, shape: str | None = None
     ) -> None:
         self.owned = ExitStack()
-        self.ctx: moderngl.Context = open_context(backend, device, require_gpu=require_gpu or None)
+        self.ctx: moderngl.Context = open_context(OpenGL(backend, device, require_gpu or None))
         self.owned.callback(self.ctx.release)
         try:
             self.info = context_info(self.ctx)
@@ -72,6 +73,11 @@ class Renderer:
             raise
         finally:
             hand_back()
+
+    @classmethod
+    def on(cls, opengl: OpenGL) -> Renderer:
+        """A renderer of this choice of OpenGL."""
+        return cls(opengl.backend, opengl.device, opengl.gpu or False)
 
     def __enter__(self) -> Renderer:
         return self

@@ -18,8 +18,8 @@ from splatgl.annotations.annotate import check_time
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, format_bytes, parse_bytes
+from splatgl.opengl import OpenGL
 from splatgl.options import Group, Kind, check_options, declared, no_effect, option
-from splatgl.platforms import BACKENDS
 from splatgl.scene.open_scene import PATIENCE, OpenScene, provenance_of
 from splatgl.scene.slice_sheet import draw_slices
 from splatgl.splat.settings import BLENDS, Settings
@@ -53,9 +53,7 @@ class DrawOptions:
     renderer that `open_early` opens, None where that fails. memory: bytes.
     """
 
-    backend: str = "auto"
-    device: int | None = None
-    gpu: bool = False
+    opengl: OpenGL = OpenGL()
     is_shared: bool = False
     held: Renderer | None = None
     early: Future[Renderer | None] | None = None
@@ -98,12 +96,12 @@ class DrawOptions:
         from splatgl.scene.shared_renderer import shared_renderer
 
         early = self.early.result() if self.early else None
-        return shared_renderer() if self.is_shared else early or Renderer(self.backend, self.device, self.gpu)
+        return shared_renderer() if self.is_shared else early or Renderer.on(self.opengl)
 
     @contextmanager
     def open_early(self) -> Iterator[DrawOptions]:
         """These options, whose renderer a thread opens meanwhile, where a context may change its thread: of EGL."""
-        if self.is_shared or self.held or "egl" not in BACKENDS or self.backend not in ("auto", "egl"):
+        if self.is_shared or self.held or not self.opengl.may_be_egl:
             yield self
             return
 
@@ -112,7 +110,7 @@ class DrawOptions:
             from splatgl.gl.renderer import Renderer
 
             try:
-                return Renderer("egl", self.device, self.gpu)
+                return Renderer.on(replace(self.opengl, backend="egl"))
             except InputError:
                 # `renderer` tries again, also other backends, and tells why none opens
                 return None
@@ -146,7 +144,7 @@ _DEVICES = Kind(
 
 @dataclass(frozen=True)
 class WorkerOptions:
-    """Processes that draw, of this machine or of a scheduler of Dask. backend, device, gpu: their OpenGL."""
+    """Processes that draw, of this machine or of a scheduler of Dask."""
 
     workers: int | None = _workers(None, Kind.whole(1, 1024), "draw in N processes of this machine")
     scheduler: str | None = _workers(
@@ -155,15 +153,13 @@ class WorkerOptions:
         "draw with the workers of a Dask scheduler, tcp://…:8786",
     )
     devices: Sequence[int] = _workers((), _DEVICES, "EGL devices of the workers, in turn")
-    backend: str = "auto"
-    device: int | None = None
-    gpu: bool = False
+    opengl: OpenGL = OpenGL()
 
     def __post_init__(self) -> None:
         check_options(self, "--")
         if self.workers is not None and self.scheduler is not None:
             raise expected("--workers", "either it or --scheduler", "both")
-        if self.devices and self.device is not None:
+        if self.devices and self.opengl.device is not None:
             raise expected("--devices", "either it or --device", "both")
         if self.devices and not self.are_used:
             raise expected("--devices", "--workers or --scheduler beside it", "neither")
@@ -178,8 +174,7 @@ class WorkerOptions:
         """OpenGL options of the workers."""
         from splatgl.distributed.worker import Drawing
 
-        devices = self.devices or (() if self.device is None else (self.device,))
-        return Drawing(self.backend, tuple(devices), self.gpu)
+        return Drawing(**vars(self.opengl), devices=tuple(self.devices))
 
     def connected(self, tell: Callable[[str], None] | None = print) -> AbstractContextManager[Client]:
         """A client of the workers; tell: as of `distributed.connected`."""

@@ -15,6 +15,7 @@ from splatgl.coercion import is_instance, public
 from splatgl.data.image import Image
 from splatgl.errors import InputError
 from splatgl.fileio import within
+from splatgl.opengl import OpenGL
 from splatgl.options import OptionGroup
 from splatgl.platforms import has_display
 from splatgl.scene.api import picture, scene_of
@@ -84,7 +85,7 @@ def _window(scene: SceneFile, sized: bool) -> None:
     files = start_reading(scene)
     from splatgl.viewer.viewer import Options
 
-    open_window(files, scene, Options(size=scene.view.size) if sized else Options())
+    open_window(files, scene, Options(size=scene.view.size) if sized else Options(), OpenGL("window"))
 
 
 # seconds in which most input errors are found, before a window is opened
@@ -107,21 +108,14 @@ def start_reading(scene: SceneFile, source: str = "", reopen: Reopen | None = No
     return files
 
 
-def open_window(
-    files: Files,
-    scene: SceneFile,
-    options: Options,
-    backend: str = "window",
-    device: int | None = None,
-    gpu: bool = False,
-) -> None:
+def open_window(files: Files, scene: SceneFile, options: Options, opengl: OpenGL) -> None:
     """Opens the window for files that are being read; returns once it is closed."""
     from splatgl.gl.backends import BackendError
     from splatgl.gl.renderer import Renderer
     from splatgl.viewer.document import Document
     from splatgl.viewer.viewer import Viewer
 
-    with Renderer(backend, device, gpu) as renderer:
+    with Renderer.on(opengl) as renderer:
         viewer = Viewer(Document.placeholder(scene), renderer, options, files)
         try:
             with _ended_by_signals(viewer) if options.owns_process else nullcontext():

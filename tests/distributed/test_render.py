@@ -235,6 +235,7 @@ def test_devices_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(worker, "graphics_cards", lambda: (1, 3))
     assert [worker.device_of(worker.Drawing(), n) for n in range(3)] == [1, 3, 1]
     assert worker.device_of(worker.Drawing("osmesa"), 0) is None
+    assert worker.device_of(worker.Drawing(device=2), 1) == 2
     monkeypatch.setattr(worker, "graphics_cards", lambda: (1,))
     assert worker.device_of(worker.Drawing(), 5) is None
 

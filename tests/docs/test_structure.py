@@ -17,7 +17,7 @@ PACKAGE = Path(__file__).parents[2] / "splatgl"
 LEVELS = (
     ("errors", "platforms"),
     ("fileio", "options"),
-    ("coercion", "keywords"),
+    ("coercion", "keywords", "opengl"),
     ("data",),
     ("readers",),
     ("splat",),

@@ -26,6 +26,7 @@ from splatgl.gl.backends import BackendError, ContextLost, current_loader, switc
 from splatgl.gl.context import context_info, current, is_software, open_context
 from splatgl.gl.selfcheck import Check, run_checks
 from splatgl.gl.shader import ShaderError
+from splatgl.opengl import OpenGL
 from splatgl.platforms import BACKENDS
 from tests.helpers.memory import resident_mebibytes
 
@@ -56,7 +57,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> Iterator[Open]:
     def open_one(backend: str = "auto", **options: object) -> moderngl.Context:
         if backend != "auto":
             need(backend)
-        made.append(open_context(backend, **options))
+        made.append(open_context(OpenGL(backend, **options)))
         return made[-1]
 
     yield open_one
@@ -140,7 +141,7 @@ def test_each_thread_has_its_own_current_context(opened: Open) -> None:
 
     def work() -> None:
         seen.append(current_loader())
-        other = open_context("osmesa")
+        other = open_context(OpenGL("osmesa"))
         seen.append(values(fill(other, 0.75)))
         other.release()
 
@@ -202,13 +203,13 @@ def test_release_twice_and_out_of_order(opened: Open) -> None:
 )
 def test_bad_requests_are_refused(options: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match="^" + message.replace("|", r"\|")):
-        open_context(**options)
+        open_context(OpenGL(**options))
 
 
 def test_a_device_that_is_not_there_is_not_replaced(opened: Open) -> None:
     need("egl")
     with pytest.raises(InputError, match=r"egl says: .*99.*leave the device out") as caught:
-        open_context("auto", device=99)
+        open_context(OpenGL(device=99))
     assert "osmesa" not in str(caught.value)
 
 
@@ -218,7 +219,7 @@ def test_auto_tries_all_and_quotes_each(monkeypatch: pytest.MonkeyPatch) -> None
 
     monkeypatch.setattr(contexts, "_open", refuse)
     with pytest.raises(InputError) as caught:
-        open_context()
+        open_context(OpenGL())
     message = str(caught.value)
     assert "\n" not in message and "apt-get install libegl1" in message
     assert [message.index(f"{name} says: no {name} today") for name in BACKENDS] == sorted(
@@ -235,10 +236,10 @@ def test_a_graphics_card_can_be_required(opened: Open, monkeypatch: pytest.Monke
     software = context_info(opened("egl")).software
     for by_argument in (True, False):
         monkeypatch.setenv("SPLATGL_REQUIRE_GPU", "0" if by_argument else "1")
-        ask = {"require_gpu": True} if by_argument else {}
+        ask = {"gpu": True} if by_argument else {}
         if software:
             with pytest.raises(InputError, match=r"OpenGL on a graphics card: .*draws in software"):
-                open_context("egl", **ask)
+                open_context(OpenGL("egl", **ask))
         else:
             assert not context_info(opened("egl", **ask)).software
 
@@ -273,7 +274,7 @@ def test_selfcheck_passes_and_leaves_no_error(opened: Open, backend: str) -> Non
 @pytest.mark.long
 def test_doctor_reports(opened: Open) -> None:
     need("egl")
-    text, ok = doctor.report("egl")
+    text, ok = doctor.report(OpenGL("egl"))
     assert ok
     for word in ("Python", "moderngl", "pyrr", *BACKENDS, "over rgba32f", "linear filter", "textures up to"):
         assert word in text
@@ -287,7 +288,7 @@ def test_doctor_says_when_blending_is_wrong(opened: Open, monkeypatch: pytest.Mo
     need("egl")
     wrong = Check("over rgba32f", got=0.512, answer=0.8648, tolerance=1e-4, required=True)
     monkeypatch.setattr(doctor, "run_checks", lambda ctx: (wrong,))
-    text, ok = doctor.report("egl")
+    text, ok = doctor.report(OpenGL("egl"))
     assert not ok and "WRONG" in text
 
 
@@ -313,7 +314,7 @@ def test_doctor_says_when_the_default_can_not_be_drawn(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(program, "build_compute", build)
     only(monkeypatch, "default", "sheets by quads", "sheets by tiles")
-    text, ok = doctor.report("egl")
+    text, ok = doctor.report(OpenGL("egl"))
     assert not ok and "pictures are WRONG" in text and "pictures are right" not in text
     lines = lines_of(text)
     for name in ("default", "sheets by tiles"):
@@ -333,7 +334,7 @@ def test_doctor_says_when_an_image_is_wrong(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(sg.Renderer, "render", render)
     only(monkeypatch, "default", "boxes by quads")
-    text, ok = doctor.report("egl")
+    text, ok = doctor.report(OpenGL("egl"))
     assert not ok and "pictures are WRONG" in text and "pictures are right" not in text
     lines = lines_of(text)
     assert any(line.startswith("default ok") for line in lines)
@@ -347,7 +348,7 @@ def test_doctor_says_when_a_check_can_not_be_drawn(monkeypatch: pytest.MonkeyPat
         raise moderngl.Error("the framebuffer is not complete\nand more")
 
     monkeypatch.setattr(doctor, "run_checks", refuse)
-    text, ok = doctor.report("egl")
+    text, ok = doctor.report(OpenGL("egl"))
     assert not ok and text.endswith("pictures are WRONG on this driver: the framebuffer is not complete")
 
 
@@ -356,7 +357,7 @@ def test_doctor_without_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
         raise BackendError("nothing here")
 
     monkeypatch.setattr(contexts, "_open", refuse)
-    text, ok = doctor.report()
+    text, ok = doctor.report(OpenGL())
     assert not ok and "nothing can be drawn" in text and "apt-get install" in text
 
 
@@ -364,6 +365,7 @@ FORKED = """
 import gc, os, signal, sys
 import splatgl as sg
 from splatgl.gl.context import context_info, open_context
+from splatgl.opengl import OpenGL
 
 volume = sg.scenes.ball(8)
 splats, camera = sg.extract(volume, sg.default_transfer(volume)), sg.Camera.orbit(volume, size=(40, 30))
@@ -407,7 +409,7 @@ def inherited():
     gc.collect()
 
 def others():
-    line = said(lambda: open_context(own))
+    line = said(lambda: open_context(OpenGL(own)))
     assert line.startswith("OpenGL: expected a context") and "forked" in line and "spawn" in line, line
     # what the parent had not opened still draws, and goes for auto
     if other:

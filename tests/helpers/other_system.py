@@ -194,6 +194,7 @@ def main(system: str, folder: Path) -> None:
     from splatgl.distributed import worker
     from splatgl.fileio import budget
     from splatgl.gl.context import current
+    from splatgl.opengl import OpenGL
     from splatgl.platforms import free_memory, has_display, user_folder
     from splatgl.readers.common import is_mapped
     from splatgl.viewer.adaptive_quality import return_free_memory, return_large_blocks
@@ -239,7 +240,7 @@ def main(system: str, folder: Path) -> None:
     assert not handle()
     images = doctor._images(tiles=False)
     doctor._images = lambda tiles: {name: images[name] for name in ("default",)}  # type: ignore[assignment]
-    print(doctor.report()[0])
+    print(doctor.report(OpenGL())[0])
     # commands; no window opens, and the reason is one line
     file = str(folder / "v.h5:") + "/v"
     drawing = ["render", file, "-o", str(folder / "c.npy"), "--size", "8", "--quiet"]

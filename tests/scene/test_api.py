@@ -19,6 +19,7 @@ import splatgl as sg
 from splatgl import fileio
 from splatgl.animation.animation import Animation
 from splatgl.cli.main import main
+from splatgl.opengl import OpenGL
 from splatgl.platforms import has_display
 from splatgl.scene import shared_renderer
 from splatgl.scene.draw import DrawOptions, draw
@@ -302,7 +303,7 @@ def test_show_with_a_display_opens_the_window(volume: sg.Volume, monkeypatch: py
     monkeypatch.setenv("DISPLAY", ":0")
     opened: list[Any] = []
 
-    def open_window(files: Any, scene: Any, options: Any) -> None:
+    def open_window(files: Any, scene: Any, options: Any, opengl: Any) -> None:
         assert files.jobs.wait(60)
         (done,) = files.jobs.collect()
         opened.append((done.value.document, options))
@@ -344,7 +345,7 @@ def test_a_thread_opens_the_renderer_while_the_volume_is_extracted(
     scene = OpenScene.of(SceneFile("balls", view=ViewOptions(size=(24, 24))), volume)
     monkeypatch.setattr(sg.Renderer, "__init__", note)
     try:
-        early = draw(scene, DrawOptions(backend="egl"))
+        early = draw(scene, DrawOptions(OpenGL("egl")))
     except sg.InputError:
         pytest.skip("no EGL")
     assert len(opened) == 1 and vars(opened[0].ctx.extra)["_released"]
@@ -356,4 +357,4 @@ def test_a_thread_opens_the_renderer_while_the_volume_is_extracted(
 
     monkeypatch.setattr("splatgl.gl.renderer.open_context", refuse)
     with pytest.raises(sg.InputError, match="no OpenGL"):
-        draw(scene, DrawOptions(backend="egl"))
+        draw(scene, DrawOptions(OpenGL("egl")))
