@@ -73,7 +73,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 @pytest.fixture
 def processor(renderer: sg.Renderer) -> Iterator[sg.Renderer]:
     """Renderer whose compute shaders have a processor's shape, also on a graphics card."""
-    if renderer.passes.programs.shape.name == "processor":
+    if renderer.passes.device.programs.shape.name == "processor":
         yield renderer
     else:
         with sg.Renderer(shape="processor") as own:

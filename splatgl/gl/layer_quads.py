@@ -15,15 +15,14 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.buffers import Instances, free, texel_texture, uneven
+from splatgl.gl.device import Device
 from splatgl.gl.features import feature_uniforms
 from splatgl.gl.layers import Drawn, layer_uniforms, union
 from splatgl.gl.meshes import LIMIT_UNITS, Limits
-from splatgl.gl.near_sheets import NearSheets
-from splatgl.gl.program import Programs, set_uniforms, use_blend
+from splatgl.gl.program import Programs, cover, set_uniforms, use_blend
 from splatgl.gl.quads import CORNERS
 from splatgl.gl.sheet_quads import Group, SheetQuads, sort_by_number
 from splatgl.gl.target import Portions, Target, settle
-from splatgl.gl.textures import Tables
 from splatgl.gl.tiles import bands_of
 from splatgl.gl.uniforms import base_of
 from splatgl.splat.culling import Window
@@ -285,17 +284,8 @@ class LayerQuads:
     # depths between which matter is drawn; None: all
     limits: Limits | None = None
 
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        programs: Programs,
-        whole: Callable[[moderngl.Program], None],
-        tables: Tables,
-        near: NearSheets,
-        frame: moderngl.Buffer,
-    ) -> None:
-        self.ctx, self.programs, self.whole = ctx, programs, whole
-        self.new_quads = lambda: SheetQuads(ctx, programs, whole, tables, near, frame)
+    def __init__(self, device: Device) -> None:
+        self.device, self.ctx, self.programs = device, device.ctx, device.programs
         # of each layer
         self.quads: list[SheetQuads] = []
         self.slots: moderngl.Framebuffer | None = None
@@ -336,7 +326,7 @@ class LayerQuads:
                     layer.release()
 
     def _pieces(self, layers: Sequence[Drawn], bind: Callable[[Splats, Plan], None]) -> list[Pieces]:
-        self.quads += [self.new_quads() for _ in layers[len(self.quads) :]]
+        self.quads += [SheetQuads(self.device) for _ in layers[len(self.quads) :]]
         return [
             BoxPieces(self.ctx, self.programs, splats, plan, bind)
             if plan.resolved.boxes
@@ -420,7 +410,7 @@ class LayerQuads:
         target.framebuffer.use()
         target.framebuffer.scissor = window.box
         use_blend(self.ctx, BLENDS["composite"])
-        self.whole(program)
+        cover(program)
 
     def _emptied(self, slots: Slots) -> moderngl.Framebuffer:
         """Returns the slots' texture, empty."""
@@ -435,7 +425,7 @@ class LayerQuads:
         self.slots.viewport = 0, 0, *self.slots.size
         self.slots.use()
         self.ctx.enable_only(moderngl.NOTHING)
-        self.whole(self.programs.for_screen("slots_clear.frag"))
+        cover(self.programs.for_screen("slots_clear.frag"))
         settle(self.ctx)
         return self.slots
 

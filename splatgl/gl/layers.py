@@ -10,14 +10,13 @@ import moderngl
 import numpy as np
 
 from splatgl.errors import InputError
-from splatgl.gl.buffers import DrawOrder, SplatBuffers, clear_buffer, free, most_block
-from splatgl.gl.near_sheets import NearSheets
-from splatgl.gl.program import Programs, set_uniforms
+from splatgl.gl.buffers import DrawOrder, clear_buffer, free, most_block
+from splatgl.gl.device import Device
+from splatgl.gl.program import set_uniforms
 from splatgl.gl.shader import PAGE
 from splatgl.gl.sheet_tiles import BoxTiles, SheetTiles
 from splatgl.gl.spared_tiles import MOST_NEEDED, SingleSamples, single_windows
 from splatgl.gl.target import Portions, Target
-from splatgl.gl.textures import Tables
 from splatgl.gl.tiles import LISTS, Band, tile_counts
 from splatgl.splat.culling import Window
 from splatgl.splat.ordering import order_for
@@ -55,17 +54,8 @@ class LayerTiles(SheetTiles):
     needed: np.ndarray | None = None
     exact = True
 
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        programs: Programs,
-        splats: SplatBuffers,
-        whole: Callable[[moderngl.Program], None],
-        tables: Tables,
-        near: NearSheets,
-        boxes: BoxTiles,
-    ) -> None:
-        super().__init__(ctx, programs, splats, whole, tables, near, boxes.card)
+    def __init__(self, device: Device, boxes: BoxTiles) -> None:
+        super().__init__(device)
         self.boxes = boxes
         # samples of the next window by the stride, by what the latest needed
         self.sizes: dict[int, int] = {}

@@ -7,7 +7,7 @@ and volumes lie.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import moderngl
@@ -16,7 +16,8 @@ import numpy as np
 from splatgl.data.mesh import Mesh, Texture
 from splatgl.errors import InputError
 from splatgl.gl.buffers import free, texel_texture
-from splatgl.gl.program import Programs, set_uniforms, use_blend
+from splatgl.gl.device import Device
+from splatgl.gl.program import cover, set_uniforms, use_blend
 from splatgl.gl.target import Target, check_size, settle
 from splatgl.splat.camera import Camera
 from splatgl.splat.colormaps import map_places, map_tables
@@ -77,10 +78,10 @@ class Group:
 
 
 class Surfaces:
-    """Peels surfaces; reuses its targets between pictures. whole: draws one triangle over the bound framebuffer."""
+    """Peels surfaces; reuses its targets between pictures."""
 
-    def __init__(self, ctx: moderngl.Context, programs: Programs, whole: Callable[[moderngl.Program], None]) -> None:
-        self.ctx, self.programs, self.whole = ctx, programs, whole
+    def __init__(self, device: Device) -> None:
+        self.ctx, self.programs = device.ctx, device.programs
         self.targets: list[Peel] = []
         self.size = (0, 0)
         # of the latest picture
@@ -137,7 +138,7 @@ class Surfaces:
         surface.use(SURFACE_UNIT)
         target.framebuffer.use()
         use_blend(self.ctx, BLENDS["composite"])
-        self.whole(program)
+        cover(program)
         settle(self.ctx)
 
     def _draw(
@@ -156,7 +157,7 @@ class Surfaces:
         into.framebuffer.use()
         into.framebuffer.clear(depth=1.0)
         self.ctx.enable_only(moderngl.NOTHING)
-        self.whole(clear)
+        cover(clear)
         if not groups:
             settle(self.ctx)
             return False

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import ExitStack
 
 import moderngl
 import numpy as np
 
 from splatgl.gl.buffers import free
-from splatgl.gl.program import Programs, set_uniforms
+from splatgl.gl.program import Programs, cover, set_uniforms
 from splatgl.gl.textures import Tables
 from splatgl.splat.plan import Plan
 from splatgl.splat.sheets import NearField
@@ -23,17 +22,10 @@ NOTHING: dict[str, object] = {"near_base": -(2**30)}
 
 
 class NearSheets:
-    """Draws near sheets; reuses its textures between pictures. whole: draws one triangle over the framebuffer."""
+    """Draws near sheets; reuses its textures between pictures."""
 
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        programs: Programs,
-        whole: Callable[[moderngl.Program], None],
-        tables: Tables,
-        owned: ExitStack,
-    ) -> None:
-        self.ctx, self.programs, self.whole, self.tables = ctx, programs, whole, tables
+    def __init__(self, ctx: moderngl.Context, programs: Programs, tables: Tables, owned: ExitStack) -> None:
+        self.ctx, self.programs, self.tables = ctx, programs, tables
         self.voxels: moderngl.Texture3D | None = None
         self.target: moderngl.Framebuffer | None = None
         self.textures: list[moderngl.Texture] = []
@@ -64,7 +56,7 @@ class NearSheets:
         set_uniforms(program, near_step=step, near_rows=rows)
         self.target.use()
         self.ctx.enable_only(moderngl.NOTHING)
-        self.whole(program)
+        cover(program)
         for unit, texture in zip((SUMS_UNIT, MASSES_UNIT), self.textures, strict=True):
             texture.use(unit)
         first = -int(first_sheet)

@@ -12,23 +12,20 @@ import numpy as np
 
 from splatgl.data.color import light_of_display
 from splatgl.data.mesh import Mesh
-from splatgl.gl.buffers import DrawOrder, SplatBuffers, free
-from splatgl.gl.card_lists import CardLists
-from splatgl.gl.features import FieldTextures
+from splatgl.gl.buffers import DrawOrder, free
+from splatgl.gl.device import Device
 from splatgl.gl.layer_quads import LayerQuads
 from splatgl.gl.layers import Drawn, LayerTiles, union
 from splatgl.gl.meshes import Limits, Surfaces
-from splatgl.gl.near_sheets import NearSheets
-from splatgl.gl.program import Programs
+from splatgl.gl.program import cover
 from splatgl.gl.quads import Quads, Streaks
 from splatgl.gl.shader import Shape
 from splatgl.gl.sheet_quads import SheetQuads
 from splatgl.gl.sheet_tiles import Batches, BoxTiles
 from splatgl.gl.spared_tiles import SingleSamples, SparedTiles
-from splatgl.gl.target import Portions, Target, Targets
-from splatgl.gl.textures import Tables
+from splatgl.gl.target import Portions, Target
 from splatgl.gl.tiles import Tiles
-from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, frame_block, style_block
+from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.splat.culling import Window, clip_behind_eye, visible_boxes
 from splatgl.splat.ordering import order_for
 from splatgl.splat.plan import Plan
@@ -50,50 +47,33 @@ class Technique(Protocol):
 
 
 class Passes:
-    """GL objects cached between pictures: programs, targets, tables and splat buffers. shape: of compute shaders."""
+    """Techniques of a device, and their GL objects, which are cached between pictures. shape: of compute shaders."""
 
     def __init__(self, ctx: moderngl.Context, owned: ExitStack, shape: Shape) -> None:
-        self.ctx = ctx
-        self.owned = owned
-        self.programs = Programs(ctx, owned, shape)
-        self.targets = Targets(ctx, owned)
-        self.tables = Tables(ctx, owned)
-        self.fields = FieldTextures(ctx, owned)
-        self.splats = SplatBuffers(ctx, owned)
-        self.frame = ctx.buffer(reserve=FRAME.itemsize)
-        owned.callback(self.frame.release)
-        self.card = CardLists(ctx) if shape.name == "card" else None
-        self.tiles = Tiles(ctx, self.programs, self.splats, self._whole, self.card)
-        near = self.near = NearSheets(ctx, self.programs, self._whole, self.tables, owned)
-        self.single = SingleSamples(ctx, self.programs, self.targets, self._whole)
-        self.sheets = SparedTiles(ctx, self.programs, self.splats, self._whole, self.tables, near, self.card)
-        self.boxes = BoxTiles(ctx, self.programs, self.splats, self._whole, self.card)
-        self.layers = LayerTiles(ctx, self.programs, self.splats, self._whole, self.tables, near, self.boxes)
-        self.sheets.single = self.layers.single = self.single if self.card is None else None
-        quads = ctx, self.programs, self._whole, self.tables, near, self.frame
-        self.sheet_quads, self.layer_quads = SheetQuads(*quads), LayerQuads(*quads)
-        self.box_quads = Quads(ctx, self.programs, self.splats)
+        device = self.device = Device(ctx, owned, shape)
+        self.ctx, self.targets, self.tiles = ctx, device.targets, Tiles(device)
+        self.single, self.sheets, self.boxes = SingleSamples(device), SparedTiles(device), BoxTiles(device)
+        self.layers = LayerTiles(device, self.boxes)
+        self.sheets.single = self.layers.single = self.single if device.card is None else None
+        self.sheet_quads, self.layer_quads, self.box_quads = SheetQuads(device), LayerQuads(device), Quads(device)
         self.techniques: dict[str, Technique] = {
-            "quads": Quads(ctx, self.programs, self.splats),
+            "quads": Quads(device),
             "tiles": self.tiles,
             "sheets in quads": self.sheet_quads,
             "sheets in tiles": self.sheets,
             "layers in tiles": self.layers,
             "boxes in quads": self.box_quads,
             "boxes in tiles": self.boxes,
-            "streaks": Streaks(ctx, self.programs, self.splats),
+            "streaks": Streaks(device),
         }
-        self.surfaces = Surfaces(ctx, self.programs, self._whole)
-        self.style = ctx.buffer(reserve=STYLE.itemsize)
-        owned.callback(self.style.release)
+        self.surfaces = Surfaces(device)
         owned.callback(self.release)
 
     def release(self) -> None:
         """Frees the targets, and the buffers of splats and techniques."""
         # when moderngl creates a framebuffer, it rebinds the current one, which must not be freed by then
         self.ctx.detect_framebuffer(0).use()
-        free(self.targets, self.splats, self.surfaces, self.fields, self.near)
-        free(*self.techniques.values(), self.layer_quads, self.card)
+        free(self.device, self.surfaces, *self.techniques.values(), self.layer_quads)
 
     def draw(
         self,
@@ -114,7 +94,7 @@ class Passes:
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         # of a cancelled picture
         self.single.kept = None
-        card = self.card if plan.program.technique == "tiles" and batches is None else None
+        card = self.device.card if plan.program.technique == "tiles" and batches is None else None
         while True:
             target.clear()
             if len(splats) and not plan.window.is_empty:
@@ -219,12 +199,13 @@ class Passes:
 
     def _bind(self, splats: Splats, plan: Plan) -> None:
         """Uploads and binds the uniform blocks, tables and fields of a picture."""
-        self.frame.write(frame_block(splats, plan).tobytes())
-        self.style.write(style_block(splats, plan).tobytes())
-        self.frame.bind_to_uniform_block(FRAME_BINDING)
-        self.style.bind_to_uniform_block(STYLE_BINDING)
-        self.tables.use(plan)
-        self.fields.use(splats, plan)
+        device = self.device
+        device.frame.write(frame_block(splats, plan).tobytes())
+        device.style.write(style_block(splats, plan).tobytes())
+        device.frame.bind_to_uniform_block(FRAME_BINDING)
+        device.style.bind_to_uniform_block(STYLE_BINDING)
+        device.tables.use(plan)
+        device.fields.use(splats, plan)
 
     def _resolve(self, source: Target, plan: Plan, behind: tuple[float, ...] | None, portions: Portions) -> Target:
         program = self.single.resolving(plan)
@@ -240,12 +221,5 @@ class Passes:
         for top, bottom in portions.parts("resolving", range(1, rows + 1), rows):
             target.framebuffer.use()
             target.framebuffer.scissor = 0, top, target.size[0], bottom - top
-            self._whole(program)
+            cover(program)
         return target
-
-    def _whole(self, program: moderngl.Program) -> None:
-        """Draws one triangle over the whole target."""
-        if program.extra is None:
-            # Programs frees it with the program
-            program.extra = self.ctx.vertex_array(program, [])
-        program.extra.render(moderngl.TRIANGLES, vertices=3)

@@ -127,6 +127,14 @@ def set_uniforms(program: Compiled, **values: object) -> None:
             program[name] = value
 
 
+def cover(program: moderngl.Program) -> None:
+    """Draws one triangle over the bound framebuffer."""
+    if program.extra is None:
+        # Programs frees it with the program
+        program.extra = program.ctx.vertex_array(program, [])
+    program.extra.render(moderngl.TRIANGLES, vertices=3)
+
+
 class Programs:
     """LRU cache of compiled programs; compiles a program on its first use. shape: of the compute shaders."""
 

@@ -6,10 +6,11 @@ import moderngl
 import numpy as np
 
 from splatgl.errors import expected
-from splatgl.gl.buffers import Attribute, DrawOrder, Range, Sorted, SplatBuffers, chunks, free, indices
+from splatgl.gl.buffers import Attribute, DrawOrder, Range, Sorted, chunks, free, indices
+from splatgl.gl.device import Device
 from splatgl.gl.features import feature_uniforms
 from splatgl.gl.meshes import LIMIT_UNITS, Limits
-from splatgl.gl.program import Programs, set_uniforms, use_blend
+from splatgl.gl.program import set_uniforms, use_blend
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import BLUR_UNIT, HALF_LINE_UNIT
 from splatgl.splat.motion import Exposure
@@ -25,8 +26,8 @@ class Quads:
     # depths between which boxes are drawn; None: all
     limits: Limits | None = None
 
-    def __init__(self, ctx: moderngl.Context, programs: Programs, splats: SplatBuffers) -> None:
-        self.ctx, self.programs, self.splats = ctx, programs, splats
+    def __init__(self, device: Device) -> None:
+        self.ctx, self.programs, self.splats = device.ctx, device.programs, device.splats
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Blends the splats into `target` in drawing order, chunk by chunk; raises Interrupted if cancelled."""

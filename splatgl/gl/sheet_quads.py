@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import weakref
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from typing import NamedTuple
@@ -18,14 +18,14 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.buffers import DrawOrder, Instances, free, texel_texture, uneven
+from splatgl.gl.device import Device
 from splatgl.gl.features import Uniforms
 from splatgl.gl.meshes import LIMIT_UNITS, Limits
-from splatgl.gl.near_sheets import NearSheets
-from splatgl.gl.program import Programs, set_uniforms, use_blend
+from splatgl.gl.program import cover, set_uniforms, use_blend
 from splatgl.gl.quads import CORNERS
 from splatgl.gl.sheet_tiles import Batches, may_show, sheet_uniforms
 from splatgl.gl.target import Portions, Target, settle
-from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, Tables
+from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT
 from splatgl.gl.tiles import bands_of
 from splatgl.gl.uniforms import frame_block
 from splatgl.splat.culling import Window, screen_bounds
@@ -92,25 +92,15 @@ class Sheeted:
 
 
 class SheetQuads:
-    """Draws sheets by quads; reuses its textures and buffer between pictures. whole: draws one triangle over the bound
-    framebuffer. frame: buffer of the uniform block Frame.
-    """
+    """Draws sheets by quads; reuses its textures and buffer between pictures."""
 
     # depths between which matter is drawn; None: all
     limits: Limits | None = None
 
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        programs: Programs,
-        whole: Callable[[moderngl.Program], None],
-        tables: Tables,
-        near: NearSheets,
-        frame: moderngl.Buffer,
-    ) -> None:
-        self.ctx, self.programs, self.whole, self.tables, self.frame = ctx, programs, whole, tables, frame
-        self.near = near
-        self.instances = Instances(ctx)
+    def __init__(self, device: Device) -> None:
+        self.ctx, self.programs, self.tables = device.ctx, device.programs, device.tables
+        self.near, self.frame = device.near, device.frame
+        self.instances = Instances(device.ctx)
         # the latest records, where their sheets are, and their order
         self.filled: tuple[weakref.ref[np.ndarray], tuple[object, ...], Order] | None = None
         self.ring: Ring | None = None
@@ -261,7 +251,7 @@ class SheetQuads:
             self.ctx.enable_only(moderngl.NOTHING)
         else:
             use_blend(self.ctx, blend)
-        self.whole(self.closing)
+        cover(self.closing)
 
     def show(self, target: Target, splats: Splats, plan: Plan, partial: bool = False) -> None:
         """Classifies the joined value of each pixel. partial: keeps the values of a part."""
@@ -273,7 +263,7 @@ class SheetQuads:
         self.joined.texture.use(JOINED_UNIT)
         target.framebuffer.use()
         self.ctx.enable_only(moderngl.NOTHING)
-        self.whole(program)
+        cover(program)
 
     def show_samples(self, target: Target, splats: Splats, plan: Plan, samples: np.ndarray) -> None:
         """Classifies the joined values of the parts of a picture, [H, W, 4]."""

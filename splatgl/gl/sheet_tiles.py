@@ -14,7 +14,6 @@ from splatgl.gl.buffers import (
     DrawOrder,
     Range,
     Rewritten,
-    SplatBuffers,
     Texels,
     clear_buffer,
     free,
@@ -23,13 +22,14 @@ from splatgl.gl.buffers import (
     order_texture,
 )
 from splatgl.gl.card_lists import CardLists
+from splatgl.gl.device import Device
 from splatgl.gl.features import Uniforms, feature_uniforms
 from splatgl.gl.meshes import FARTHEST_UNIT, NEAREST_UNIT, Limits
-from splatgl.gl.near_sheets import NOTHING, NearSheets
-from splatgl.gl.program import Programs, set_uniforms
+from splatgl.gl.near_sheets import NOTHING
+from splatgl.gl.program import set_uniforms
 from splatgl.gl.shader import CONTINUED
 from splatgl.gl.target import Portions, Target
-from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, Tables, class_uniforms
+from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, class_uniforms
 from splatgl.gl.tiles import GROUPS, LIST_UNIT, LISTS, MOST_TILES, OPEN, Band, Tiles, bands_of
 from splatgl.gl.uniforms import base_of
 from splatgl.splat.bricks import IsVisible, Shell
@@ -76,20 +76,11 @@ class SheetTiles(Tiles):
     # pixels of the view from one sample to the next
     stride = 1
 
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        programs: Programs,
-        splats: SplatBuffers,
-        whole: Callable[[moderngl.Program], None],
-        tables: Tables,
-        near: NearSheets,
-        card: CardLists | None,
-    ) -> None:
-        super().__init__(ctx, programs, splats, whole, card)
-        self.tables, self.order, self.batch = tables, SheetOrder(ctx, programs), Rewritten(ctx)
+    def __init__(self, device: Device) -> None:
+        super().__init__(device)
+        self.tables, self.order, self.batch = device.tables, SheetOrder(device), Rewritten(device.ctx)
         # near sheets, and whether the picture has any; mask of the band's tiles that were drawn
-        self.near, self.is_near, self.begun = near, False, np.zeros(0, bool)
+        self.near, self.is_near, self.begun = device.near, False, np.zeros(0, bool)
         self.uniforms = {}
         # depths between which matter is drawn; None: all
         self.limits: Limits | None = None
@@ -414,8 +405,8 @@ def sheet_span(splats: Splats, plan: Plan) -> int:
 class SheetOrder:
     """Sorts splats by first sheet; reuses its buffer and texture between pictures, and enlarges them on demand."""
 
-    def __init__(self, ctx: moderngl.Context, programs: Programs) -> None:
-        self.ctx, self.programs = ctx, programs
+    def __init__(self, device: Device) -> None:
+        self.ctx, self.programs = device.ctx, device.programs
         self.buffers: dict[int, moderngl.Buffer] = {}
         self.order: moderngl.Texture | None = None
 

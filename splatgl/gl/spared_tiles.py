@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from typing import Any
 
 import moderngl
 import numpy as np
 
 from splatgl.gl.buffers import Range, Texels
-from splatgl.gl.program import Programs, set_uniforms
+from splatgl.gl.device import Device
+from splatgl.gl.program import cover, set_uniforms
 from splatgl.gl.sheet_tiles import MOST_PIXELS, SheetTiles
-from splatgl.gl.target import Target, Targets
+from splatgl.gl.target import Target
 from splatgl.gl.tiles import Band, Placed, bands_of, tile_counts
 from splatgl.splat.culling import Window
 from splatgl.splat.plan import Plan
@@ -28,18 +27,10 @@ SINGLE_UNIT, ERRORS_UNIT = 2, 4
 
 
 class SingleSamples:
-    """A picture of one sample a pixel, and the largest error of its means in each tile of all samples. whole: draws one
-    triangle over the bound framebuffer.
-    """
+    """A picture of one sample a pixel, and the largest error of its means in each tile of all samples."""
 
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        programs: Programs,
-        targets: Targets,
-        whole: Callable[[moderngl.Program], None],
-    ) -> None:
-        self.ctx, self.programs, self.targets, self.whole = ctx, programs, targets, whole
+    def __init__(self, device: Device) -> None:
+        self.ctx, self.programs, self.targets = device.ctx, device.programs, device.targets
         # the picture, and errors by tile; None: all pixels of the current picture take all samples
         self.kept: tuple[Target, Target] | None = None
 
@@ -65,7 +56,7 @@ class SingleSamples:
         self.ctx.enable_only(moderngl.NOTHING)
         target.texture.use(SINGLE_UNIT)
         program["single"], program["samples"], program["inner"] = SINGLE_UNIT, plan.samples, (*window.box[:2], *last)
-        self.whole(program)
+        cover(program)
         self.kept = target, errors
         # rows beyond these are 0
         error, holds = np.moveaxis(errors.read(rows)[..., :2], 2, 0)
@@ -99,8 +90,8 @@ class SparedTiles(SheetTiles):
     # None: pixels take all samples
     single: SingleSamples | None = None
 
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
+    def __init__(self, device: Device) -> None:
+        super().__init__(device)
         # splats and lists of the bands of one sample a pixel; and those that are reused next, the last first
         self.parts, self.spare = list[tuple[Window, Placed]](), list[Placed]()
 

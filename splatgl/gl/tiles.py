@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -18,7 +18,6 @@ import numpy as np
 from splatgl.gl.buffers import (
     DrawOrder,
     Range,
-    SplatBuffers,
     Texels,
     chunks,
     clear_buffer,
@@ -28,8 +27,9 @@ from splatgl.gl.buffers import (
     uneven,
 )
 from splatgl.gl.card_lists import MOST_BAND, MOST_SPLATS, CardLists
+from splatgl.gl.device import Device
 from splatgl.gl.features import Uniforms, feature_uniforms
-from splatgl.gl.program import Programs, set_uniforms
+from splatgl.gl.program import cover, set_uniforms
 from splatgl.gl.shader import ABREAST, LISTED, NOWHERE
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import HALF_LINE_UNIT
@@ -91,9 +91,7 @@ class Placed:
 
 
 class Tiles:
-    """Draws splats in tiles; caches buffers and textures. whole: draws one triangle over the bound framebuffer. card:
-    lists tiles on a graphics card.
-    """
+    """Draws splats in tiles; caches buffers and textures."""
 
     # shader that composites tiles
     drawing = "tile_draw.comp"
@@ -102,20 +100,13 @@ class Tiles:
     # uniforms of the picture, set in each program
     uniforms: Uniforms
 
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        programs: Programs,
-        splats: SplatBuffers,
-        whole: Callable[[moderngl.Program], None],
-        card: CardLists | None = None,
-    ) -> None:
-        self.ctx, self.programs, self.splats, self.whole, self.card = ctx, programs, splats, whole, card
+    def __init__(self, device: Device) -> None:
+        self.ctx, self.programs, self.splats, self.card = device.ctx, device.programs, device.splats, device.card
         self.placed = Placed()
         self.buffers: dict[int, moderngl.Buffer] = {}
         self.band = Band(Window(0, 0, 0, 0), np.zeros(0, bool))
         # of the current picture
-        self.portions = Portions(ctx)
+        self.portions = Portions(device.ctx)
         # mask of the blocks of the drawing order that may be visible; None: all
         self.shown: np.ndarray | None = None
 
@@ -257,7 +248,7 @@ class Tiles:
         for top, bottom in self.portions.parts("placing", range(1, height + 1), height):
             self.placed.framebuffer.use()
             self.placed.framebuffer.scissor = 0, top, ABREAST, bottom - top
-            self.whole(program)
+            cover(program)
         self.placed.use()
         return count
 

@@ -32,7 +32,7 @@ def test_out_of_memory_is_told_and_survived(renderer: sg.Renderer, monkeypatch: 
 
     other = sg.Splats.from_points(np.zeros((1, 3)), np.ones((1, 3)), np.ones(1))
     with monkeypatch.context() as patch:
-        patch.setattr(renderer.passes.splats, "of", refuse)
+        patch.setattr(renderer.passes.device.splats, "of", refuse)
         with pytest.raises(sg.InputError, match="OpenGL failed on 1 splats at 16×16: cannot create buffer; try"):
             renderer.render(other, camera)
     assert (renderer.render(SPLATS, camera).pixels == right).all()

@@ -159,7 +159,7 @@ def test_the_same_picture_twice_has_the_same_bits(renderer: sg.Renderer) -> None
             size = (int(rng.integers(30, 120)), int(rng.integers(30, 120)))
             camera = sg.Camera.look_at(eye, eye + rng.normal(size=3), rng.normal(size=3), rng.uniform(20, 80), size)
             near += renderer.plan(splats, camera, SPLATS).program.seen.half_line
-            renderer.passes.splats.release()
+            renderer.passes.device.splats.release()
             first, *others = (renderer.render(splats, camera, SPLATS).pixels for _ in range(3))
             assert all((pixels == first).all() for pixels in others)
     assert near > 4

@@ -183,7 +183,7 @@ def test_what_does_not_fit_is_drawn_again(
     splats = sg.extract(volume(), sg.Transfer([(0.4, 0), (1, 0.5)]))
     camera = sg.Camera.orbit(splats, size=(32, 32))
     right = renderer.render(splats, camera, sg.Settings(occlusion="off")).pixels
-    lists = card.passes.card
+    lists = card.passes.device.card
     assert lists is not None
     monkeypatch.setattr(lists, "room", 1024)
     first = card.render(splats, camera, sg.Settings(occlusion="off")).pixels

@@ -149,7 +149,7 @@ def test_too_many_splats_to_be_kept_are_drawn_in_chunks(
                 patched.setattr(module, "MOST_KEPT", 1000)
             patched.setattr(buffers, "CHUNK", 300)
             chunked = [renderer.render(splats, camera, settings).pixels for _ in range(2)]
-        renderer.passes.splats.release()
+        renderer.passes.device.splats.release()
         assert (chunked[0] == chunked[1]).all()
         # sums in another order, for want of one
         assert np.abs(chunked[0] - whole).max() <= 2e-6 * whole.max()

@@ -106,7 +106,7 @@ def test_programs_used_longest_ago_are_freed_and_compiled_again(monkeypatch: pyt
     ]
     with sg.Renderer() as own:
         right = [own.render(splats, camera, settings).pixels for settings in many]
-        programs = own.passes.programs
+        programs = own.passes.device.programs
         assert programs.compiled == len(programs.kept) > 8
         monkeypatch.setattr("splatgl.gl.program.MOST_PROGRAMS", 6)
         for _ in range(2):
@@ -125,8 +125,8 @@ def test_programs_used_longest_ago_are_freed_and_compiled_again(monkeypatch: pyt
 def test_a_moving_camera_compiles_and_makes_nothing(letter: sg.Splats, renderer: sg.Renderer) -> None:
     first = sg.Camera.orbit(letter, 0, 20, size=(48, 48))
     renderer.render(letter, first, SPLATS)
-    programs, target = renderer.passes.programs.compiled, renderer.passes.targets.kept["draw"]
-    kept = renderer.passes.splats.of(letter).textured
+    programs, target = renderer.passes.device.programs.compiled, renderer.passes.targets.kept["draw"]
+    kept = renderer.passes.device.splats.of(letter).textured
     assert kept is not None
     records = kept.records
     turn = [sg.Camera.orbit(letter, azimuth, 20, size=(48, 48)) for azimuth in range(0, 360, 30)]
@@ -135,8 +135,8 @@ def test_a_moving_camera_compiles_and_makes_nothing(letter: sg.Splats, renderer:
     orders = dict(kept.orders.kept)
     for camera in turn:
         renderer.render(letter, camera, SPLATS)
-    assert renderer.passes.programs.compiled <= programs + 2
-    assert renderer.passes.splats.of(letter).textured is kept and kept.records is records
+    assert renderer.passes.device.programs.compiled <= programs + 2
+    assert renderer.passes.device.splats.of(letter).textured is kept and kept.records is records
     assert len(orders) > 8 and dict(kept.orders.kept) == orders
     assert renderer.passes.targets.kept["draw"] is target
 
@@ -322,7 +322,7 @@ def test_egl_and_osmesa_draw_the_same_bits(letter: sg.Splats, renderer: sg.Rende
 def test_paper_settings_sample_an_8_bit_table(letter: sg.Splats, renderer: sg.Renderer) -> None:
     image = renderer.render(letter, sg.Camera.orbit(letter, size=(32, 32)), sg.Settings.paper())
     assert image.info["footprint"] == "table 256×256 at 8 bits"
-    texture = renderer.passes.tables.kept["crawfis-max", "table", 256, 8]
+    texture = renderer.passes.device.tables.kept["crawfis-max", "table", 256, 8]
     assert (texture.size, texture.dtype) == ((256, 256), "f1")
     assert (image.info["align"], image.info["target"], image.info["attenuation"]) == ("hybrid", "rgba8", "opacity")
 
@@ -330,7 +330,7 @@ def test_paper_settings_sample_an_8_bit_table(letter: sg.Splats, renderer: sg.Re
 def test_the_last_few_splats_stay(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     """Who goes to and fro between some uploads each once; the oldest go when there are too many, or too large ones."""
     clouds = [sg.Splats.from_points(np.array([[0.0, 0, n]]), np.ones((1, 3)), np.ones(1)) for n in range(5)]
-    kept = renderer.passes.splats
+    kept = renderer.passes.device.splats
     for cloud in [*clouds[:3], *clouds[:3]]:
         renderer.render(cloud, sg.Camera.orbit(cloud, size=(8, 8)), SPLATS)
     assert [buffer.splats for buffer in kept.kept] == clouds[:3]
@@ -348,9 +348,9 @@ def test_the_last_few_splats_stay(renderer: sg.Renderer, monkeypatch: pytest.Mon
 def test_what_is_freed_is_made_again(letter: sg.Splats, renderer: sg.Renderer, technique: str) -> None:
     camera, settings = sg.Camera.orbit(letter, size=(40, 30)), SPLATS.but(technique=technique)
     once = renderer.render(letter, camera, settings).pixels
-    assert renderer.passes.splats.kept
+    assert renderer.passes.device.splats.kept
     renderer.free()
-    kept = renderer.passes.splats.kept, renderer.passes.targets.kept, renderer.passes.tiles.buffers
+    kept = renderer.passes.device.splats.kept, renderer.passes.targets.kept, renderer.passes.tiles.buffers
     assert not any(kept)
     assert (renderer.render(letter, camera, settings).pixels == once).all()
     # what is bound is none of what is freed: a window's OpenGL refuses to bind it again

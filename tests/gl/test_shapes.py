@@ -155,7 +155,7 @@ def test_shapes_draw_the_same(
     monkeypatch.setattr(bricking, "BATCH", 200)
     draw = KINDS[kind]()
     right, drawn = draw(processor), draw(card)
-    assert processor.passes.programs.shape != card.passes.programs.shape
+    assert processor.passes.device.programs.shape != card.passes.device.programs.shape
     assert right.max() > 0.2
     most = (
         ROUNDED

@@ -71,7 +71,7 @@ def test_kept_pixels_and_their_means(renderer: sg.Renderer, ball: sg.Splats, rng
     fine = rng.random((2 * height, 2 * width, 4), np.float32)
     passes = renderer.passes
     with current(renderer.ctx):
-        chosen = SingleSamples(renderer.ctx, passes.programs, passes.targets, passes._whole)
+        chosen = SingleSamples(passes.device)
         plan = replace(plan, resolved=replace(plan.resolved, allowed=0.005))
         target = chosen.begin(plan)
         target.texture.write(np.ascontiguousarray(single), (0, 0, width, height))

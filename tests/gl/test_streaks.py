@@ -130,7 +130,7 @@ def test_exact_streaks_are_temporal_supersampling(renderer: sg.Renderer, view: s
 
 def quads(renderer: sg.Renderer) -> set[object]:
     """The programs that draw quads."""
-    return {key for key in renderer.passes.programs.kept if key[0][0] == "splat.vert"}
+    return {key for key in renderer.passes.device.programs.kept if key[0][0] == "splat.vert"}
 
 
 @pytest.mark.few(5)

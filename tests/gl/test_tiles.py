@@ -136,7 +136,7 @@ def test_a_moving_camera_compiles_nothing_and_grows_nothing(renderer: sg.Rendere
     settings = TILED.but(occlusion="off")
 
     def kept() -> tuple[object, ...]:
-        programs, drawn = renderer.passes.programs, renderer.passes.tiles
+        programs, drawn = renderer.passes.device.programs, renderer.passes.tiles
         return programs.compiled, [id(part) for part in (*drawn.placed.textures, drawn.placed.list)]
 
     # an order that is asked for again is read by another program
@@ -198,9 +198,9 @@ def test_an_order_asked_for_again_is_read_in_turn(renderer: sg.Renderer) -> None
     camera, other = (sg.Camera.orbit(splats, angle, 20, size=(64, 48)) for angle in (30, 140))
     for change in ({}, {"attenuation": "fill", "antialias": "paper"}):
         settings = TILED.but(occlusion="off", **change)
-        renderer.passes.splats.release()
+        renderer.passes.device.splats.release()
         first = renderer.render(splats, camera, settings).pixels
-        kept = renderer.passes.splats.of(splats).textured
+        kept = renderer.passes.device.splats.of(splats).textured
         assert kept is not None and kept.sorted is None
         again = [renderer.render(splats, camera, settings).pixels for _ in range(2)]
         assert kept.sorted is not None and kept.sorted[1].order is None
@@ -214,10 +214,10 @@ def test_sorted_records_without_runs_do_not_serve_who_needs_them(renderer: sg.Re
     camera = views(splats)["far"]
     plain, filled = (TILED.but(occlusion="off", attenuation=name) for name in ("optical-depth", "fill"))
     right = renderer.render(splats, camera, filled).pixels
-    renderer.passes.splats.release()
+    renderer.passes.device.splats.release()
     for _ in range(2):
         renderer.render(splats, camera, plain)
-    assert renderer.passes.splats.of(splats).textured.sorted is not None  # type: ignore[union-attr]
+    assert renderer.passes.device.splats.of(splats).textured.sorted is not None  # type: ignore[union-attr]
     assert (renderer.render(splats, camera, filled).pixels == right).all()
 
 
@@ -229,7 +229,7 @@ def test_blocks_beyond_the_edges_are_left_out(renderer: sg.Renderer, monkeypatch
         cameras = {name: view for name, view in views(splats).items() if "close" in name or name == "far"}
         for camera in (*cameras.values(), inside(splats, LOOKS[0]), inside(splats, LOOKS[1], fov=15)):
             for settings in (SPLATS.but(occlusion="off"), SPLATS.but(blend="xray", antialias="off")):
-                renderer.passes.splats.release()
+                renderer.passes.device.splats.release()
                 first = renderer.render(splats, camera, settings).pixels
                 for most in (2**20, 3000):
                     with monkeypatch.context() as patched:

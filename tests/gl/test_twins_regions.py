@@ -25,7 +25,7 @@ def test_regions_in_the_shader(renderer: sg.Renderer, twin: Twin, rng: np.random
     post, spacing = splats.post, splats.grid.mean_spacing
     assert post is not None
     plan = sg.plan(splats, views(splats)["fitted"], sg.Settings(tolerance=1e-6), tiles=True)
-    renderer.passes.tables.classification(splats).use(CLASS_UNIT)
+    renderer.passes.device.tables.classification(splats).use(CLASS_UNIT)
     first = rng.uniform((-0.2, 0.0), (1.2, 0.8), (COUNT, 2))
     last = first + rng.normal(0, 0.4, (COUNT, 2)) * 10 ** rng.uniform(-3, 0, (COUNT, 1))
     last[:, 1] = np.abs(last[:, 1])

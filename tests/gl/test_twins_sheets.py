@@ -356,7 +356,7 @@ LAYERS = """
 
 def class_state(renderer: sg.Renderer, splats: sg.Splats) -> dict[str, object]:
     """The classification table's uniforms."""
-    renderer.passes.tables.classification(splats).use(CLASS_UNIT)
+    renderer.passes.device.tables.classification(splats).use(CLASS_UNIT)
     return class_uniforms(splats.post)
 
 

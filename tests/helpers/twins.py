@@ -116,8 +116,8 @@ def _bind(renderer: sg.Renderer, plan: Plan, splats: sg.Splats) -> list[Any]:
     for binding, block in ((FRAME_BINDING, frame_block(splats, plan)), (STYLE_BINDING, style_block(splats, plan))):
         made.append(renderer.ctx.buffer(block.tobytes()))
         made[-1].bind_to_uniform_block(binding)
-    renderer.passes.tables.use(plan)
-    renderer.passes.fields.use(splats, plan)
+    renderer.passes.device.tables.use(plan)
+    renderer.passes.device.fields.use(splats, plan)
     return made
 
 

@@ -71,9 +71,9 @@ def test_order_is_left_out_of_sums(renderer: sg.Renderer) -> None:
         chosen = renderer.plan(splats, camera, SPLATS.but(blend=blend))
         assert any(note.startswith("ordering left out") for note in chosen.notes)
         renderer.passes.draw(splats, chosen)
-        drawn = renderer.passes.splats.of(splats).textured
+        drawn = renderer.passes.device.splats.of(splats).textured
         assert drawn is not None and not drawn.orders.kept
-        renderer.passes.splats.release()
+        renderer.passes.device.splats.release()
 
 
 def test_every_note_says_what_it_changes(renderer: sg.Renderer) -> None:

@@ -523,11 +523,11 @@ def test_another_transfer_function_uploads_no_records(renderer: sg.Renderer) -> 
     assert splats.post is not None
     camera = views(splats)["fitted"]
     renderer.render(splats, camera, EXACT)
-    before = renderer.passes.splats.of(splats)
+    before = renderer.passes.device.splats.of(splats)
     cold = sg.Transfer([(0.45, 0), (0.6, 0.3)], colormap="viridis", unit=2.0, shading=False)
     recolored = splats.with_classifier(splats.post.with_transfer(cold))
     image = renderer.render(recolored, camera, EXACT)
-    assert renderer.passes.splats.of(recolored) is before
+    assert renderer.passes.device.splats.of(recolored) is before
     anew = sg.extract(sg.Volume(cells(), **GRIDS["cubes"]), cold, classification="post")
     chosen = [renderer.plan(drawn, camera, EXACT) for drawn in (splats, recolored)]
     assert chosen[0].program == replace(chosen[1].program, look=chosen[0].program.look)

@@ -1,0 +1,40 @@
+"""Objects of an OpenGL context that all techniques share."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+
+import moderngl
+
+from splatgl.gl.buffers import SplatBuffers, free
+from splatgl.gl.card_lists import CardLists
+from splatgl.gl.features import FieldTextures
+from splatgl.gl.near_sheets import NearSheets
+from splatgl.gl.program import Programs
+from splatgl.gl.shader import Shape
+from splatgl.gl.target import Targets
+from splatgl.gl.textures import Tables
+from splatgl.gl.uniforms import FRAME, STYLE
+
+
+class Device:
+    """Programs, targets, tables, fields, splats and near sheets of a context, and its uniform blocks `frame` and
+    `style`; shape: of compute shaders. card: lists tiles on a graphics card; None: of processors.
+    """
+
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack, shape: Shape) -> None:
+        self.ctx = ctx
+        self.programs = Programs(ctx, owned, shape)
+        self.targets = Targets(ctx, owned)
+        self.tables = Tables(ctx, owned)
+        self.fields = FieldTextures(ctx, owned)
+        self.splats = SplatBuffers(ctx, owned)
+        self.near = NearSheets(ctx, self.programs, self.tables, owned)
+        self.card = CardLists(ctx) if shape.name == "card" else None
+        self.frame, self.style = ctx.buffer(reserve=FRAME.itemsize), ctx.buffer(reserve=STYLE.itemsize)
+        for block in (self.frame, self.style):
+            owned.callback(block.release)
+
+    def release(self) -> None:
+        """Frees the targets, the buffers of splats, and the textures of fields; they are recreated on demand."""
+        free(self.targets, self.splats, self.fields, self.near, self.card)
