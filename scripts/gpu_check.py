@@ -39,7 +39,7 @@ from splatgl.gl.card_lists import CardLists
 from splatgl.gl.context import current
 from splatgl.gl.selfcheck import run_checks
 from splatgl.gl.sheet_tiles import SheetTiles
-from splatgl.gl.tiles import Tiles
+from splatgl.gl.tiles import Projector, SplatTiles
 from splatgl.reference.field import field_integral
 from tests.gpu.gpu_check_tests import tests
 
@@ -53,11 +53,11 @@ WAYS = {"tiles": ("tiles", "card"), "columns": ("tiles", "processor"), "quads": 
 # stages of tiles in the card's shape, by the methods that queue them
 STAGES: tuple[tuple[str, type, str], ...] = (
     ("sort", CardLists, "sort_by_sheet"),
-    ("project", Tiles, "_place"),
+    ("project", Projector, "project"),
     ("count", CardLists, "count_pairs"),
     ("list", CardLists, "list_tiles"),
-    ("add up", SheetTiles, "_composite"),
-    ("add up", Tiles, "_composite"),
+    ("add up", SheetTiles, "composite"),
+    ("add up", SplatTiles, "composite"),
 )
 # pixels along a side of the pictures whose errors are measured, and samples a voxel of the field
 MEASURED, STEPS = 96, 4

@@ -322,6 +322,25 @@ def grow_buffer(ctx: moderngl.Context, buffers: dict[K, moderngl.Buffer], key: K
     return buffer
 
 
+class Buffers:
+    """Storage buffers by binding; enlarged on demand, and kept between pictures."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self.ctx = ctx
+        self.kept: dict[int, moderngl.Buffer] = {}
+
+    def bind(self, binding: int, size: int) -> moderngl.Buffer:
+        """Returns a buffer of at least `size` bytes, and binds it."""
+        storage = grow_buffer(self.ctx, self.kept, binding, size)
+        storage.bind_to_storage_buffer(binding)
+        return storage
+
+    def release(self) -> None:
+        """Frees all buffers."""
+        free(*self.kept.values())
+        self.kept = {}
+
+
 def clear_buffer(buffer: moderngl.Buffer, size: int | None = None) -> None:
     """Writes zeros to the first `size` bytes, by default to all. Buffer.clear maps the buffer instead: NVIDIA's driver
     then loses the second write after it.

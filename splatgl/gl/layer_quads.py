@@ -7,7 +7,8 @@ of the picture. Pieces of sheets, and boxes of voxels, have consecutive numbers 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from typing import NamedTuple, Protocol
 
@@ -17,9 +18,8 @@ import numpy as np
 from splatgl.gl.buffers import Instances, free, texel_texture, uneven
 from splatgl.gl.device import Device
 from splatgl.gl.features import feature_uniforms
-from splatgl.gl.layers import Drawn, layer_uniforms, union
-from splatgl.gl.meshes import LIMIT_UNITS, Limits
-from splatgl.gl.program import Programs, cover, set_uniforms, use_blend
+from splatgl.gl.layers import Drawn, Layers, layer_uniforms, union
+from splatgl.gl.program import cover, set_uniforms, use_blend
 from splatgl.gl.quads import CORNERS
 from splatgl.gl.sheet_quads import Group, SheetQuads, sort_by_number
 from splatgl.gl.target import Portions, Target, settle
@@ -105,7 +105,7 @@ class Pieces(Protocol):
     def extent(self) -> tuple[float, float]:
         """Returns the first and last place of the layer's matter, in its sheets."""
 
-    def begin(self, band: Band, layer: int, limits: Limits | None, portions: Portions) -> list[Numbering]:
+    def begin(self, band: Band, layer: int, portions: Portions) -> list[Numbering]:
         """Starts a band at the nearest piece; returns the numbering of each group of rays."""
 
     def advance(self, into: moderngl.Framebuffer, slots: Slots, begin: float, end: float) -> bool:
@@ -115,15 +115,16 @@ class Pieces(Protocol):
 class SheetPieces:
     """Pieces of a layer in sheets. bind: binds the uniforms and tables of the layer."""
 
-    def __init__(self, quads: SheetQuads, splats: Splats, plan: Plan, bind: Callable[[Splats, Plan], None]) -> None:
+    def __init__(self, quads: SheetQuads, splats: Splats, plan: Plan, layers: Layers) -> None:
         assert plan.resolved.sheets is not None
-        self.quads, self.splats, self.plan, self.bind = quads, splats, plan, bind
+        self.quads, self.splats, self.plan, self.bind = quads, splats, plan, layers.bind
         self.steps, self.uneven = max(plan.program.look.steps, 1), bool(plan.program.look.iso)
         if splats.post is not None and self.uneven:
             # segments that end at surfaces, too, and a surface behind each
             self.steps = 2 * (self.steps + 2 * len(splats.post.transfer.iso))
         self.shift = 1.5 if plan.program.look.steps else 0.5
-        self.picture = quads.begin(splats, plan, NearField.of(splats, plan.view, plan.resolved.sheets))
+        near = NearField.of(splats, plan.view, plan.resolved.sheets)
+        self.picture = quads.begin(splats, plan, near, layers.limits)
         self.groups = quads.fill(self.picture, splats)
 
     def extent(self) -> tuple[float, float]:
@@ -131,9 +132,9 @@ class SheetPieces:
         sheets = [*self.groups, *self.picture.near]
         return min(sheets) - self.shift, max(sheets) + self.plan.program.look.sheets + 2.0
 
-    def begin(self, band: Band, layer: int, limits: Limits | None, portions: Portions) -> list[Numbering]:
+    def begin(self, band: Band, layer: int, portions: Portions) -> list[Numbering]:
         """Starts a band at the nearest sheet; returns the numbering of its parts."""
-        self.window, self.layer, self.quads.limits = band.window, layer, limits
+        self.window, self.layer = band.window, layer
         self.sheets = self.quads.sweep(self.picture, band.window, [self.groups], portions)
         # the next sheet, whose splats are added already; None before the first
         self.sheet: int | None = None
@@ -176,15 +177,9 @@ class BoxPieces:
 
     steps, shift, uneven = 0, 0.0, False
 
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        programs: Programs,
-        splats: Splats,
-        plan: Plan,
-        bind: Callable[[Splats, Plan], None],
-    ) -> None:
-        self.ctx, self.programs, self.splats, self.plan, self.bind = ctx, programs, splats, plan, bind
+    def __init__(self, device: Device, splats: Splats, plan: Plan, layers: Layers) -> None:
+        self.ctx, self.programs, self.splats, self.plan = device.ctx, device.programs, splats, plan
+        self.bind, self.limits = layers.bind, layers.limits
         # by signs of directions: splats in the order of their numbers
         self.octants: dict[tuple[int, ...], tuple[Instances, dict[int, Group]]] = {}
 
@@ -202,9 +197,9 @@ class BoxPieces:
         nearest = np.linalg.norm(view.eye_index - np.clip(view.eye_index, *bounds))
         return float(nearest), float(np.linalg.norm(corners, axis=1).max())
 
-    def begin(self, band: Band, layer: int, limits: Limits | None, portions: Portions) -> list[Numbering]:
+    def begin(self, band: Band, layer: int, portions: Portions) -> list[Numbering]:
         """Starts a band at the nearest boxes; returns the numbering of each octant of directions."""
-        self.window, self.layer, self.limits, self.portions = band.window, layer, limits, portions
+        self.window, self.layer, self.portions = band.window, layer, portions
         view = self.plan.view
         eye = view.eye_index - base_of(self.splats, view.eye_index)
         start, step = band.voxels[layer]
@@ -261,9 +256,7 @@ class BoxPieces:
         program = self.programs.for_splats(self.plan.program, {"SLOTTED": True, "LIMITED": self.limits is not None})
         set_uniforms(program, **feature_uniforms(self.splats, self.plan))
         if self.limits is not None:
-            unit = self.limits.unit / self.splats.grid.mean_spacing
-            set_uniforms(program, **LIMIT_UNITS, depth_unit=unit)
-            self.limits.use()
+            self.limits.use_in(program, self.splats.grid.mean_spacing)
         return program
 
     def _sorted(self, signs: tuple[int, ...]) -> tuple[Instances, dict[int, Group]]:
@@ -281,9 +274,6 @@ class BoxPieces:
 class LayerQuads:
     """Draws several layers by quads; reuses its textures and buffers between pictures."""
 
-    # depths between which matter is drawn; None: all
-    limits: Limits | None = None
-
     def __init__(self, device: Device) -> None:
         self.device, self.ctx, self.programs = device, device.ctx, device.programs
         # of each layer
@@ -298,46 +288,37 @@ class LayerQuads:
         free(self.slots, self.texture)
         self.slots, self.texture = None, None
 
-    def composite(
-        self,
-        target: Target,
-        scratch: Target,
-        layers: Sequence[Drawn],
-        bind: Callable[[Splats, Plan], None],
-        portions: Portions,
-    ) -> None:
-        """Composites the layers into `target`, in bands whose slots fit into the pool. scratch: unused. bind: binds the
-        uniforms and tables of a layer.
-        """
-        layers = [layer for layer in layers if len(layer[0])]
-        pieces = self._pieces(layers, bind)
+    def composite(self, target: Target, layers: Layers) -> None:
+        """Composites the layers into `target`, in bands whose slots fit into the pool."""
+        layers = replace(layers, layers=[layer for layer in layers.layers if len(layer[0])])
+        pieces = self._pieces(layers)
         try:
-            window = union([plan.window for _, plan in layers])
+            window = union([plan.window for _, plan in layers.layers])
             width = target.size[0]
             rows = Window(0, window.y, width, window.height)
-            slots = self._layout(pieces, self._begin(layers, pieces, rows, portions), rows)
+            slots = self._layout(pieces, self._begin(layers, pieces, rows), rows)
             height = POOL // (PIECE * width * (sum(slots.counts)))
             for band in bands_of(rows, width * max(height, 1)):
-                self._band(target, layers, pieces, band, bind, portions)
+                self._band(target, layers, pieces, band)
         finally:
             target.framebuffer.scissor = None  # type: ignore[assignment]
             for layer in pieces:
                 if isinstance(layer, BoxPieces):
                     layer.release()
 
-    def _pieces(self, layers: Sequence[Drawn], bind: Callable[[Splats, Plan], None]) -> list[Pieces]:
-        self.quads += [SheetQuads(self.device) for _ in layers[len(self.quads) :]]
+    def _pieces(self, layers: Layers) -> list[Pieces]:
+        self.quads += [SheetQuads(self.device) for _ in layers.layers[len(self.quads) :]]
         return [
-            BoxPieces(self.ctx, self.programs, splats, plan, bind)
+            BoxPieces(self.device, splats, plan, layers)
             if plan.resolved.boxes
-            else SheetPieces(quads, splats, plan, bind)
-            for quads, (splats, plan) in zip(self.quads, layers, strict=False)
+            else SheetPieces(quads, splats, plan, layers)
+            for quads, (splats, plan) in zip(self.quads, layers.layers, strict=False)
         ]
 
-    def _begin(self, layers: Sequence[Drawn], pieces: Sequence[Pieces], window: Window, portions: Portions) -> Slabs:
+    def _begin(self, layers: Layers, pieces: Sequence[Pieces], window: Window) -> Slabs:
         """Starts a band of the picture in all layers."""
-        band = band_of(layers, window)
-        numberings = [layer.begin(band, n, self.limits, portions) for n, layer in enumerate(pieces)]
+        band = band_of(layers.layers, window)
+        numberings = [layer.begin(band, n, layers.portions) for n, layer in enumerate(pieces)]
         ends = [layer.extent() for layer in pieces]
         places = [(np.array(end)[:, None] - at) / rate for end, (at, rate) in zip(ends, band.places, strict=True)]
         first, last = min(float(place.min()) for place in places), max(float(place.max()) for place in places)
@@ -354,28 +335,21 @@ class LayerQuads:
         across = max(min(int(self.ctx.info["GL_MAX_TEXTURE_SIZE"]) // size[0], sum(counts)), 1)
         return Slots(np.cumsum([0, *counts[:-1]]).tolist(), counts, size, across)
 
-    def _band(
-        self,
-        target: Target,
-        layers: Sequence[Drawn],
-        pieces: Sequence[Pieces],
-        window: Window,
-        bind: Callable[[Splats, Plan], None],
-        portions: Portions,
-    ) -> None:
+    def _band(self, target: Target, layers: Layers, pieces: Sequence[Pieces], window: Window) -> None:
         """Composites all layers in a band of the picture."""
-        slabs = self._begin(layers, pieces, window, portions)
+        slabs = self._begin(layers, pieces, window)
         slots = self._layout(pieces, slabs, window)
         into = self._emptied(slots)
         kept = False
         for begin, end in zip(slabs.ends[:-1].tolist(), slabs.ends[1:].tolist(), strict=True):
-            portions.ask()
+            layers.portions.ask()
             before, kept = kept, False
             for layer in pieces:
                 kept |= layer.advance(into, slots, begin, end)
             # pieces of the slab before may reach into this one
             if kept or before:
-                self._join(target, layers, pieces, slots, window, (begin, end), bind)
+                layers.bind(*layers.layers[0])
+                self._join(target, layers.layers, pieces, slots, window, (begin, end))
 
     def _join(
         self,
@@ -385,11 +359,9 @@ class LayerQuads:
         slots: Slots,
         window: Window,
         slab: tuple[float, float],
-        bind: Callable[[Splats, Plan], None],
     ) -> None:
         """Composites the pieces of a slab behind the light of nearer slabs."""
         assert self.texture is not None
-        bind(*layers[0])
         program = self.programs.for_screen("layers_join.frag", layers[0][1].program, {"LAYERS": len(layers)})
         eyes = [plan.view.eye_index - base_of(splats, plan.view.eye_index) for splats, plan in layers]
         biases = [-(-LEAST_NUMBER // count) * count for count in slots.counts]

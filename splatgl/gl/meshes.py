@@ -53,6 +53,11 @@ class Limits:
         self.nearest.use(NEAREST_UNIT)
         self.farthest.use(FARTHEST_UNIT)
 
+    def use_in(self, program: moderngl.Program, spacing: float) -> None:
+        """Binds both textures, and sets a program's uniforms. spacing: its unit of length."""
+        set_uniforms(program, **LIMIT_UNITS, depth_unit=self.unit / spacing)
+        self.use()
+
 
 @dataclass(frozen=True, eq=False)
 class Peel:

@@ -15,16 +15,16 @@ from splatgl.data.mesh import Mesh
 from splatgl.gl.buffers import DrawOrder, free
 from splatgl.gl.device import Device
 from splatgl.gl.layer_quads import LayerQuads
-from splatgl.gl.layers import Drawn, LayerTiles, union
+from splatgl.gl.layers import Drawn, Layers, LayerTiles, union
 from splatgl.gl.meshes import Limits, Surfaces
 from splatgl.gl.program import cover
 from splatgl.gl.quads import Quads, Streaks
 from splatgl.gl.shader import Shape
 from splatgl.gl.sheet_quads import SheetQuads
-from splatgl.gl.sheet_tiles import Batches, BoxTiles
-from splatgl.gl.spared_tiles import SingleSamples, SparedTiles
+from splatgl.gl.sheet_tiles import Batches, SheetTiles
+from splatgl.gl.spared_tiles import AdaptiveSamples, SingleSamples
 from splatgl.gl.target import Portions, Target
-from splatgl.gl.tiles import Tiles
+from splatgl.gl.tiles import SplatTiles, Tiles
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.splat.culling import Window, clip_behind_eye, visible_boxes
 from splatgl.splat.ordering import order_for
@@ -39,8 +39,18 @@ ROLES = ("draw", "part", "layer")
 class Technique(Protocol):
     """Method of drawing splats into a float target."""
 
-    def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
-        """Draws all splats of a picture; raises Interrupted if cancelled between portions."""
+    def draw(
+        self,
+        target: Target,
+        splats: Splats,
+        plan: Plan,
+        order: DrawOrder,
+        portions: Portions,
+        limits: Limits | None = None,
+    ) -> None:
+        """Draws all splats of a picture; raises Interrupted if cancelled between portions. limits: depths between which
+        the matter of sheets and boxes is drawn; None: all.
+        """
 
     def release(self) -> None:
         """Frees the cached objects; they are recreated on demand."""
@@ -52,18 +62,18 @@ class Passes:
     def __init__(self, ctx: moderngl.Context, owned: ExitStack, shape: Shape) -> None:
         device = self.device = Device(ctx, owned, shape)
         self.ctx, self.targets, self.tiles = ctx, device.targets, Tiles(device)
-        self.single, self.sheets, self.boxes = SingleSamples(device), SparedTiles(device), BoxTiles(device)
-        self.layers = LayerTiles(device, self.boxes)
-        self.sheets.single = self.layers.single = self.single if device.card is None else None
-        self.sheet_quads, self.layer_quads, self.box_quads = SheetQuads(device), LayerQuads(device), Quads(device)
+        self.single, self.sheets = SingleSamples(device), SheetTiles(device, self.tiles)
+        quads, splats, single = Quads(device), SplatTiles(device, self.tiles), None if device.card else self.single
+        self.adaptive = AdaptiveSamples(self.sheets, single)
+        self.layers = LayerTiles(device, self.sheets, splats, single)
+        self.sheet_quads, self.layer_quads = SheetQuads(device), LayerQuads(device)
         self.techniques: dict[str, Technique] = {
-            "quads": Quads(device),
-            "tiles": self.tiles,
+            "quads": quads,
+            "tiles": splats,
             "sheets in quads": self.sheet_quads,
-            "sheets in tiles": self.sheets,
-            "layers in tiles": self.layers,
-            "boxes in quads": self.box_quads,
-            "boxes in tiles": self.boxes,
+            "sheets in tiles": self.adaptive,
+            "boxes in quads": quads,
+            "boxes in tiles": splats,
             "streaks": Streaks(device),
         }
         self.surfaces = Surfaces(device)
@@ -73,7 +83,8 @@ class Passes:
         """Frees the targets, and the buffers of splats and techniques."""
         # when moderngl creates a framebuffer, it rebinds the current one, which must not be freed by then
         self.ctx.detect_framebuffer(0).use()
-        free(self.device, self.surfaces, *self.techniques.values(), self.layer_quads)
+        free(self.device, self.surfaces, self.tiles, self.layers, self.layer_quads)
+        free(*self.techniques.values())
 
     def draw(
         self,
@@ -118,7 +129,7 @@ class Passes:
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         window = union([plan.window for _, plan in layers])
         if not window.is_empty:
-            self._layers_by(plan).composite(target, scratch, visible, self._bind, portions)
+            self._layers_by(plan).composite(target, Layers(visible, self._bind, scratch, portions))
         return self._read(target, replace(plan, window=window), portions)
 
     def draw_surfaces(
@@ -138,28 +149,20 @@ class Passes:
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         self._bind(first, plan)
         self.single.kept = None
-        try:
-            for limits, light in self.surfaces.peeled(meshes, camera, unit, lit, plan.program.look.light.plain):
-                self._set_limits(limits)
-                part.clear()
-                if len(visible) > 1:
-                    self._layers_by(plan).composite(part, scratch, visible, self._bind, portions)
-                elif visible:
-                    self._draw_splats(part, *visible[0], portions, None)
-                self._bind(first, plan)
-                self.surfaces.composite(target, part, light)
-        finally:
-            self._set_limits(None)
+        for limits, light in self.surfaces.peeled(meshes, camera, unit, lit, plan.program.look.light.plain):
+            part.clear()
+            if len(visible) > 1:
+                together = Layers(visible, self._bind, scratch, portions, limits)
+                self._layers_by(plan).composite(part, together)
+            elif visible:
+                self._draw_splats(part, *visible[0], portions, limits=limits)
+            self._bind(first, plan)
+            self.surfaces.composite(target, part, light)
         return self._read(target, replace(plan, window=Window(0, 0, *plan.view.size)), portions)
 
     def _layers_by(self, plan: Plan) -> LayerTiles | LayerQuads:
         """Returns what draws layers by the technique of a plan."""
         return self.layers if plan.program.technique == "tiles" else self.layer_quads
-
-    def _set_limits(self, limits: Limits | None) -> None:
-        """Sets the depths between which matter is drawn; None: all."""
-        for drawing in (self.sheets, self.layers, self.boxes, self.sheet_quads, self.layer_quads, self.box_quads):
-            drawing.limits = limits
 
     def joined(self, samples: np.ndarray, whole: Splats, plan: Plan) -> np.ndarray:
         """Returns the picture of joined samples of its parts, float32 [H, W, 4]."""
@@ -183,7 +186,13 @@ class Passes:
         return light_of_display(pixels) if plan.resolved.display else pixels
 
     def _draw_splats(
-        self, target: Target, splats: Splats, plan: Plan, portions: Portions, batches: Batches | None
+        self,
+        target: Target,
+        splats: Splats,
+        plan: Plan,
+        portions: Portions,
+        batches: Batches | None = None,
+        limits: Limits | None = None,
     ) -> None:
         self._bind(splats, plan)
         if batches is not None:
@@ -195,7 +204,7 @@ class Passes:
         order = DrawOrder(boxes, boxes is not None and plan.order == "front-to-back")
         kind = "sheets in " if plan.resolved.sheets else "boxes in " if plan.resolved.boxes else ""
         technique = f"{kind}{plan.program.technique}"
-        self.techniques[technique].draw(target, splats, plan, order, portions)
+        self.techniques[technique].draw(target, splats, plan, order, portions, limits)
 
     def _bind(self, splats: Splats, plan: Plan) -> None:
         """Uploads and binds the uniform blocks, tables and fields of a picture."""

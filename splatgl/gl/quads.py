@@ -9,7 +9,7 @@ from splatgl.errors import expected
 from splatgl.gl.buffers import Attribute, DrawOrder, Range, Sorted, chunks, free, indices
 from splatgl.gl.device import Device
 from splatgl.gl.features import feature_uniforms
-from splatgl.gl.meshes import LIMIT_UNITS, Limits
+from splatgl.gl.meshes import Limits
 from splatgl.gl.program import set_uniforms, use_blend
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import BLUR_UNIT, HALF_LINE_UNIT
@@ -23,19 +23,22 @@ CORNERS = 4
 class Quads:
     """Draws splats as instanced quads; needs only OpenGL 3.3 and supports every plan."""
 
-    # depths between which boxes are drawn; None: all
-    limits: Limits | None = None
-
     def __init__(self, device: Device) -> None:
         self.ctx, self.programs, self.splats = device.ctx, device.programs, device.splats
 
-    def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
+    def draw(
+        self,
+        target: Target,
+        splats: Splats,
+        plan: Plan,
+        order: DrawOrder,
+        portions: Portions,
+        limits: Limits | None = None,
+    ) -> None:
         """Blends the splats into `target` in drawing order, chunk by chunk; raises Interrupted if cancelled."""
-        program = self.programs.for_splats(plan.program, {"LIMITED": True} if self.limits is not None else {})
-        if self.limits is not None:
-            unit = self.limits.unit / splats.grid.mean_spacing
-            set_uniforms(program, **LIMIT_UNITS, depth_unit=unit)
-            self.limits.use()
+        program = self.programs.for_splats(plan.program, {"LIMITED": True} if limits is not None else {})
+        if limits is not None:
+            limits.use_in(program, splats.grid.mean_spacing)
         set_uniforms(program, half_table=HALF_LINE_UNIT, blur_table=BLUR_UNIT, **feature_uniforms(splats, plan))
         use_blend(self.ctx, plan.program.look.blend, order.nearest_first)
         target.framebuffer.use()

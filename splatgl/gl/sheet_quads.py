@@ -20,7 +20,7 @@ import numpy as np
 from splatgl.gl.buffers import DrawOrder, Instances, free, texel_texture, uneven
 from splatgl.gl.device import Device
 from splatgl.gl.features import Uniforms
-from splatgl.gl.meshes import LIMIT_UNITS, Limits
+from splatgl.gl.meshes import Limits
 from splatgl.gl.program import cover, set_uniforms, use_blend
 from splatgl.gl.quads import CORNERS
 from splatgl.gl.sheet_tiles import Batches, may_show, sheet_uniforms
@@ -73,12 +73,15 @@ class Kind(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Sheeted:
-    """Splats that are drawn in sheets, with the uniforms of their programs. field: near sheets."""
+    """Splats that are drawn in sheets, with the uniforms of their programs. field: near sheets. limits: depths between
+    which matter is drawn; None: all.
+    """
 
     splats: Splats
     plan: Plan
     uniforms: Uniforms
     field: NearField | None
+    limits: Limits | None = None
 
     @property
     def first(self) -> int:
@@ -93,9 +96,6 @@ class Sheeted:
 
 class SheetQuads:
     """Draws sheets by quads; reuses its textures and buffer between pictures."""
-
-    # depths between which matter is drawn; None: all
-    limits: Limits | None = None
 
     def __init__(self, device: Device) -> None:
         self.ctx, self.programs, self.tables = device.ctx, device.programs, device.tables
@@ -113,10 +113,18 @@ class SheetQuads:
         free(self.instances, self.ring, self.joined, self.joined_before)
         self.filled, self.ring, self.joined, self.joined_before = None, None, None, None
 
-    def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
+    def draw(
+        self,
+        target: Target,
+        splats: Splats,
+        plan: Plan,
+        order: DrawOrder,
+        portions: Portions,
+        limits: Limits | None = None,
+    ) -> None:
         """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: unused."""
         assert plan.resolved.sheets is not None
-        picture = self.begin(splats, plan, NearField.of(splats, plan.view, plan.resolved.sheets))
+        picture = self.begin(splats, plan, NearField.of(splats, plan.view, plan.resolved.sheets), limits)
         groups = self.fill(picture, splats)
         for band in bands_of(Window(0, 0, *plan.view.size), MOST_PIXELS):
             self._draw_band(target, picture, band, [groups], portions)
@@ -141,9 +149,9 @@ class SheetQuads:
         if plan.program.look.blend.one_value:
             self.show(target, whole, plan, partial=shell is not None)
 
-    def begin(self, splats: Splats, plan: Plan, field: NearField | None) -> Sheeted:
+    def begin(self, splats: Splats, plan: Plan, field: NearField | None, limits: Limits | None = None) -> Sheeted:
         """Returns a picture whose sheets are drawn. field: voxels around the eye."""
-        return Sheeted(splats, plan, sheet_uniforms(splats, plan), field)
+        return Sheeted(splats, plan, sheet_uniforms(splats, plan), field, limits)
 
     def fill(self, picture: Sheeted, splats: Splats) -> dict[int, Group]:
         """Uploads splats of a picture, by first sheet, unless the latest ones are the same, seen from the same eye;
@@ -169,16 +177,15 @@ class SheetQuads:
         if picture.field is not None:
             self.frame.write(block.tobytes())
         uniforms = picture.uniforms | self.near.draw(picture.field, plan, float(picture.first))
-        features = {"NEAR": picture.field is not None, "LIMITED": self.limits is not None, "PIECE": piece}
+        features = {"NEAR": picture.field is not None, "LIMITED": picture.limits is not None, "PIECE": piece}
         self.adding = self.programs.for_splats(plan.program)
         self.closing = self.programs.for_screen("sheet_close.frag", plan.program, features)
         for program in (self.adding, self.closing):
             set_uniforms(program, half_table=HALF_LINE_UNIT, **UNITS, **uniforms)
         set_uniforms(self.closing, corner=corner, near_top=float(band.y))
-        if self.limits is not None:
-            unit = self.limits.unit / splats.grid.mean_spacing
-            set_uniforms(self.closing, **LIMIT_UNITS, depth_unit=unit, depth_top=band.y)
-            self.limits.use()
+        if picture.limits is not None:
+            set_uniforms(self.closing, depth_top=band.y)
+            picture.limits.use_in(self.closing, splats.grid.mean_spacing)
         if splats.post is not None:
             self.tables.classification(splats).use(CLASS_UNIT)
         block["image_center"][1] -= band.y

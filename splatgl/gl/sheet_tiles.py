@@ -5,32 +5,45 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import moderngl
 import numpy as np
 
 from splatgl.gl.buffers import (
+    Buffers,
     DrawOrder,
-    Range,
     Rewritten,
     Texels,
     clear_buffer,
     free,
-    grow_buffer,
     most_block,
     order_texture,
 )
 from splatgl.gl.card_lists import CardLists
 from splatgl.gl.device import Device
 from splatgl.gl.features import Uniforms, feature_uniforms
-from splatgl.gl.meshes import FARTHEST_UNIT, NEAREST_UNIT, Limits
 from splatgl.gl.near_sheets import NOTHING
 from splatgl.gl.program import set_uniforms
 from splatgl.gl.shader import CONTINUED
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, class_uniforms
-from splatgl.gl.tiles import GROUPS, LIST_UNIT, LISTS, MOST_TILES, OPEN, Band, Tiles, bands_of
+from splatgl.gl.tiles import (
+    GROUPS,
+    LIST_UNIT,
+    LISTS,
+    MOST_TILES,
+    OPEN,
+    Band,
+    ProjectedSplats,
+    Spec,
+    Tiles,
+    bands_of,
+    tile_counts,
+    unlisted_tiles,
+)
 from splatgl.gl.uniforms import base_of
 from splatgl.splat.bricks import IsVisible, Shell
 from splatgl.splat.culling import Frustum, Window, blocks_in_frustum, screen_bounds, tiles_beside_box
@@ -70,119 +83,116 @@ class Batches:
     near: NearField | None = None
 
 
-class SheetTiles(Tiles):
-    """Draws sheets in tiles; reuses its buffers and textures between pictures."""
+# records by their first sheet, and how many of them may be visible; all records and 0 if they are drawn in rounds
+Ordered = tuple[Texels, int]
 
-    # pixels of the view from one sample to the next
-    stride = 1
 
-    def __init__(self, device: Device) -> None:
-        super().__init__(device)
-        self.tables, self.order, self.batch = device.tables, SheetOrder(device), Rewritten(device.ctx)
-        # near sheets, and whether the picture has any; mask of the band's tiles that were drawn
-        self.near, self.is_near, self.begun = device.near, False, np.zeros(0, bool)
-        self.uniforms = {}
-        # depths between which matter is drawn; None: all
-        self.limits: Limits | None = None
-        # number of splats; whether the current splats are the last; mask of tiles whose open sheets are stored
-        self.count, self.last = 0, False
-        self.kept: np.ndarray | None = None
+class SheetTiles:
+    """Draws sheets in tiles; keeps buffers and textures between pictures."""
+
+    def __init__(self, device: Device, tiles: Tiles) -> None:
+        self.device, self.tiles = device, tiles
+        self.order, self.batch = SheetOrder(device), Rewritten(device.ctx)
 
     def release(self) -> None:
-        """Frees all buffers and textures; they are recreated on demand."""
-        super().release()
-        self.order.release()
-        self.batch.release()
+        """Frees all buffers and textures but those of `tiles`; they are recreated on demand."""
+        free(self.order, self.batch)
 
-    def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
-        """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: unused."""
-        self.exact, self.portions = self.limits is not None, portions
-        self._draw_sorted(target, splats, plan, self._sorted(splats, plan))
+    def begin(
+        self, target: Target, splats: Splats, plan: Plan, portions: Portions, near: NearField | None, **more: Any
+    ) -> Spec:
+        """Draws the near sheets; returns how the others are drawn. more: further fields of Spec."""
+        uniforms = sheet_uniforms(splats, plan)
+        uniforms |= self.device.near.draw(near, plan, float(str(uniforms["first_sheet"])))
+        spec = Spec(target, plan, portions, uniforms, "sheet_draw.comp", {}, **more)
+        if spec.limits is not None:
+            uniforms["depth_unit"] = spec.limits.unit / splats.grid.mean_spacing
+        on = {"LIMITED": spec.limits is not None, "NEAR": near is not None, "LAYERED": spec.keeping is not None}
+        return replace(spec, switches={name: True for name, is_on in on.items() if is_on})
 
-    def _draw_sorted(self, target: Target, splats: Splats, plan: Plan, texels: Texels) -> None:
-        for window in bands_of(plan.window, MOST_PIXELS):
-            self._draw_window(target, splats, plan, texels, window)
-
-    def _sorted(self, splats: Splats, plan: Plan, window: Window | None = None) -> Texels:
-        """Returns splats that a window (or the picture) may show, by first sheet unless they are drawn in rounds; sets
-        `uniforms` and `count`.
-        """
-        texels = self.splats.of(splats).texels(plan.program.look.attenuation == "fill", DrawOrder(None, True))
+    def begin_all(self, target: Target, splats: Splats, plan: Plan, portions: Portions, **more: Any) -> Spec:
+        """As `begin`, with the near sheets of splats that are all there."""
         assert plan.resolved.sheets is not None
-        self._begin_picture(splats, plan, NearField.of(splats, plan.view, plan.resolved.sheets))
-        if self.limits is not None:
-            self.uniforms["depth_unit"] = self.limits.unit / splats.grid.mean_spacing
-        if window is not None:
-            self.uniforms["edges"] = window_edges(plan.view, Window(*(self.stride * side for side in window.box)))
-        if self._in_rounds(plan):
-            return texels
-        texels, self.count = self._in_order(texels, len(splats), sheet_span(splats, plan), plan)
-        return texels
+        near = NearField.of(splats, plan.view, plan.resolved.sheets)
+        return self.begin(target, splats, plan, portions, near, **more)
 
-    def _in_order(self, texels: Texels, count: int, number: int, plan: Plan) -> tuple[Texels, int]:
-        """Returns `count` records by their first of `number` sheets, and how many of them may be visible."""
-        if self.card is None:
-            return self.order.sorted((count, number), plan, texels, self.uniforms, self.portions)
-        order = self.card.sort_by_sheet(
-            lambda name, switches: self._program(name, plan, dict(switches)), texels, count, number, self.uniforms
+    def ordered(self, spec: Spec, splats: Splats, window: Window | None = None) -> Ordered:
+        """Returns splats that a window (or the picture) may show."""
+        texels = self.device.splats.of(splats).texels(
+            spec.plan.program.look.attenuation == "fill", DrawOrder(None, True)
         )
+        if window is not None:
+            spec.uniforms["edges"] = window_edges(spec.plan.view, in_pixels(window, spec.stride))
+        if self._in_rounds(spec.plan):
+            return texels, 0
+        return self._in_order(spec, texels, len(splats), sheet_span(splats, spec.plan))
+
+    def _in_order(self, spec: Spec, texels: Texels, count: int, number: int) -> Ordered:
+        """Returns `count` records by their first of `number` sheets."""
+        card, uniforms = self.device.card, spec.uniforms
+        if card is None:
+            return self.order.sorted((count, number), spec.plan, texels, uniforms, spec.portions)
+        # sorting depends on no band
+        program = partial(spec.compiled, self.device.programs, Band.of(Window(0, 0, 0, 0)))
+        order = card.sort_by_sheet(program, texels, count, number, uniforms)
         return Texels(texels.records, texels.rest, order), count
 
-    def _begin_picture(self, splats: Splats, plan: Plan, near: NearField | None) -> None:
-        """Sets `uniforms` and draws the near sheets."""
-        self.uniforms = sheet_uniforms(splats, plan)
-        self.uniforms |= self.near.draw(near, plan, float(str(self.uniforms["first_sheet"])))
-        self.is_near = near is not None
+    def draw(self, spec: Spec, splats: Splats, ordered: Ordered) -> None:
+        """Composites the picture."""
+        for window in bands_of(spec.plan.window, MOST_PIXELS):
+            self.draw_window(spec, splats, ordered, window)
 
-    def _draw_window(self, target: Target, splats: Splats, plan: Plan, texels: Texels, window: Window) -> None:
-        """Composites a window of the picture. texels: result of `_sorted`."""
-        band = self._begin(splats, plan, window)
-        if self._in_rounds(plan):
-            self._draw_rounds(target, splats, plan, texels, band)
+    def draw_window(self, spec: Spec, splats: Splats, ordered: Ordered, window: Window) -> Band:
+        """Composites a window of the picture."""
+        band = self.begin_band(spec, splats, window)
+        if self._in_rounds(spec.plan):
+            self._draw_rounds(spec, splats, ordered[0], band)
         else:
-            for which in pairwise(batch_starts(self.count, plan.hiding.depth_batches)):
-                self.gather(target, plan, texels, which, band)
-        self._flush(target, plan)
+            texels, band.end = ordered
+            for which in pairwise(batch_starts(band.end, spec.plan.hiding.depth_batches)):
+                self.tiles.gather(spec, self, texels, which, band)
+        self.flush(spec, band)
+        return band
 
     def _in_rounds(self, plan: Plan) -> bool:
         """Whether splats are sorted and drawn in rounds of sheets; a card sorts all at once."""
-        return self.card is None and plan.hiding.depth_batches > 1
+        return self.device.card is None and plan.hiding.depth_batches > 1
 
-    def _draw_rounds(self, target: Target, splats: Splats, plan: Plan, texels: Texels, band: Band) -> None:
+    def _draw_rounds(self, spec: Spec, splats: Splats, texels: Texels, band: Band) -> None:
         """Composites a band's splats sheets by sheets, without clusters of which only closed tiles are left."""
-        clusters, names = self.splats.of(splats).clusters()
-        uniforms = self.uniforms | {"sheets": sheet_span(splats, plan)}
-        for part in clusters.rounds(splats, plan, band.window, self._unlisted, band.stride):
+        clusters, names = self.device.splats.of(splats).clusters()
+        uniforms = spec.uniforms | {"sheets": sheet_span(splats, spec.plan)}
+        unlisted = partial(unlisted_tiles, spec, band)
+        for part in clusters.rounds(splats, spec.plan, band.window, unlisted, band.stride):
             begin, end = part.sheets
             names.use(NAMES_UNIT)
             parts, in_round = clusters.parts(part.clusters), uniforms | {"begin": begin}
             numbers = len(splats), end - begin
-            ordered, count = self.order.sorted(numbers, plan, texels, in_round, self.portions, parts)
-            self.count = count if part.last else count + 1
-            self.gather(target, plan, ordered, (0, count), band)
+            ordered, count = self.order.sorted(numbers, spec.plan, texels, in_round, spec.portions, parts)
+            band.end = count if part.last else count + 1
+            self.tiles.gather(spec, self, ordered, (0, count), band)
 
     def draw_batches(self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions) -> None:
         """Composites batches of splats whose sheets do not lie before the sheets of earlier batches.
 
         whole: describes all splats.
         """
-        self.exact, self.portions = True, portions
-        self._begin_picture(whole, plan, batches.near)
+        spec = self.begin(target, whole, plan, portions, batches.near, exact=True)
         if batches.shell is not None:
-            first = float(str(self.uniforms["first_sheet"]))
-            self.uniforms |= {"shell": tuple(end - first for end in batches.shell), "partial": True}
+            first = float(str(spec.uniforms["first_sheet"]))
+            spec.uniforms.update(shell=tuple(end - first for end in batches.shell), partial=True)
         (window,) = bands_of(plan.window, sys.maxsize)
         rows = -(-window.height // ROWS)
         for part in bands_of(window, -(-rows // batches.bands) * ROWS * window.width):
-            self._draw_band(target, whole, plan, batches, part)
+            self._draw_band(spec, whole, batches, part)
 
     def least_bands(self, window: Window) -> int:
         """Returns the number of bands into which batches of splats must be drawn: a dispatch takes MOST_TILES tiles."""
         across, down = -(-window.width // COLUMNS) + 1, -(-window.height // ROWS) + 1
-        return 1 if self.card is None else -(-down // max(MOST_TILES // across, 1))
+        return 1 if self.device.card is None else -(-down // max(MOST_TILES // across, 1))
 
-    def _draw_band(self, target: Target, whole: Splats, plan: Plan, batches: Batches, window: Window) -> None:
-        band = self._begin(whole, plan, window)
+    def _draw_band(self, spec: Spec, whole: Splats, batches: Batches, window: Window) -> None:
+        plan, band = spec.plan, self.begin_band(spec, whole, window)
         across = -(-window.width // COLUMNS)
 
         def is_visible(low: np.ndarray, high: np.ndarray) -> bool:
@@ -196,151 +206,120 @@ class SheetTiles(Tiles):
 
         span = sheet_span(whole, plan)
         for splats in batches.of(is_visible):
-            texels = self.batch.texels(splats.records)
-            texels, count = self._in_order(texels, len(splats), span, plan)
-            self.count = count + 1
-            self.gather(target, plan, texels, (0, count), band)
-        self._flush(target, plan)
+            texels, count = self._in_order(spec, self.batch.texels(splats.records), len(splats), span)
+            band.end = count + 1
+            self.tiles.gather(spec, self, texels, (0, count), band)
+        self.flush(spec, band)
 
     def show(self, target: Target, whole: Splats, plan: Plan) -> None:
         """Classifies the values of a target that holds the joined parts of a picture."""
-        self.portions = Portions(self.ctx)
-        self._begin_picture(whole, plan, None)
+        spec, card = self.begin(target, whole, plan, Portions(self.device.ctx), None), self.device.card
         for window in bands_of(plan.window, MOST_PIXELS):
-            self._begin(whole, plan, window)
+            band = self.begin_band(spec, whole, window)
             # no splats are left; each tile only has to classify its values
-            clear_buffer(self._keep())
-            if self.card is not None:
-                self.card.begin(self.band.closed, CONTINUED)
-                self.band.begun = True
-            self.kept = np.ones(self.band.closed.size, bool)
-            self._flush(target, plan)
+            clear_buffer(self._keep(band))
+            if card is not None:
+                card.begin(band.closed, CONTINUED)
+                band.begun = True
+            band.kept = np.ones(band.closed.size, bool)
+            self.flush(spec, band)
 
-    def _begin(self, splats: Splats, plan: Plan, window: Window) -> Band:
-        """Returns a new band, whose tiles beside the volume's box are closed."""
-        self.kept, self.last, self.band = None, False, replace(self.begin(window), stride=self.stride)
-        band, self.begun = self.band, np.zeros(self.band.closed.size, bool)
+    def begin_band(self, spec: Spec, splats: Splats, window: Window) -> Band:
+        """Returns a new band, whose tiles beside the volume's box, and those that are not needed, are closed."""
+        band = Band.of(window, spec.stride)
         if splats.post is not None:
-            table = self.tables.classification(splats)
+            table = self.device.tables.classification(splats)
             table.use(CLASS_UNIT)
             table.bind_to_image(CLASS_IMAGE, read=True, write=False)
-            seen = Window(*(self.stride * side for side in window.box))
-            side = self.stride * COLUMNS, self.stride * ROWS
-            band.closed |= tiles_beside_box(plan.view, splats.post.shape, seen, side)
+            side = spec.stride * COLUMNS, spec.stride * ROWS
+            band.closed |= tiles_beside_box(spec.plan.view, splats.post.shape, in_pixels(window, spec.stride), side)
+        if spec.needed is not None:
+            across, down = tile_counts(window)
+            row, column = window.y // ROWS, window.x // COLUMNS
+            band.closed |= ~spec.needed[row : row + down, column : column + across].ravel()
         return band
 
-    def _draw(self, target: Target, plan: Plan, texels: Texels, which: Range) -> None:
-        self.last = which[1] == self.count
-        super()._draw(target, plan, texels, which)
-
-    def _flush(self, target: Target, plan: Plan) -> None:
+    def flush(self, spec: Spec, band: Band) -> None:
         """Composites the sheets that are still open, and the near sheets of tiles without splats."""
-        if self.card is not None:
-            if not self.last:
-                if not self.band.begun:
-                    self.card.begin(self.band.closed)
-                self.card.bind_empty()
-                self.last = True
-                self._composite(self.card, target, plan, last=True)
+        card = self.device.card
+        if card is not None:
+            if not band.last:
+                if not band.begun:
+                    card.begin(band.closed)
+                card.bind_empty()
+                band.last = True
+                self.composite(spec, band, card, last=True)
             return
-        self.last = True
-        waiting = np.zeros_like(self.begun) if self.kept is None else self.kept.copy()
-        if self.is_near:
-            waiting |= ~(self.begun | self.band.closed)
+        band.last = True
+        waiting = np.zeros_like(band.drawn) if band.kept is None else band.kept.copy()
+        if "NEAR" in spec.switches:
+            waiting |= ~(band.drawn | band.closed)
         indices = np.flatnonzero(waiting)
         if len(indices):
             lists = np.stack([indices, *np.zeros((3, len(indices)), np.int64)], axis=1).astype(np.uint32)
             # a band of batches may exceed the tiles of a dispatch
-            self._add_up_parts(target, plan, lists)
+            self.tiles.add_up(spec, self, band, lists)
 
-    def _add_up(self, target: Target, plan: Plan, lists: np.ndarray) -> None:
-        if self.placed.list is not None:
-            self.placed.list.use(LIST_UNIT)
-            self.placed.list.bind_to_image(LIST_IMAGE, read=True, write=False)
-        self.begun[lists[:, 0]] = True
-        self.bind_target(target)
+    def add_up(self, spec: Spec, band: Band, placed: ProjectedSplats, lists: np.ndarray) -> None:
+        """Adds up lists per sheet, and composites the sheets that are complete."""
+        buffers = self.tiles.buffers
+        if placed.list is not None:
+            placed.list.use(LIST_UNIT)
+            placed.list.bind_to_image(LIST_IMAGE, read=True, write=False)
+        band.drawn[lists[:, 0]] = True
+        self.tiles.bind_images(spec.target, placed)
         while len(lists):
             part = lists.copy()
             part[:, 2] = np.minimum(lists[:, 2], lists[:, 1] + MOST_ENTRIES)
-            part[:, 3] = self.last & (part[:, 2] == lists[:, 2])
+            part[:, 3] = band.last & (part[:, 2] == lists[:, 2])
             complete = part[:, 3] > 0
-            if not complete.all() and self.kept is None:
-                self._keep()
-            if self.kept is not None:
-                part[:, 3] |= CONTINUES * self.kept[part[:, 0]].astype(np.uint32)
-            program = self._program("sheet_draw.comp", plan, {"CARRIED": self.kept is not None})
-            set_uniforms(program, half_table=HALF_LINE_UNIT, list=LIST_UNIT, opaque=1.0 - plan.hiding.cutoff)
-            self._buffer(LISTS, part.nbytes).write(part)
-            flags = self._buffer(OPEN, self.band.closed.size * 4)
+            if not complete.all() and band.kept is None:
+                self._keep(band)
+            if band.kept is not None:
+                part[:, 3] |= CONTINUES * band.kept[part[:, 0]].astype(np.uint32)
+            program = spec.compiled(self.device.programs, band, spec.drawing, {"CARRIED": band.kept is not None})
+            set_uniforms(program, half_table=HALF_LINE_UNIT, list=LIST_UNIT, opaque=1.0 - spec.plan.hiding.cutoff)
+            buffers.bind(LISTS, part.nbytes).write(part)
+            flags = buffers.bind(OPEN, band.closed.size * 4)
             clear_buffer(flags)
             program.run(len(part))
-            self.ctx.memory_barrier()
-            open_ = np.frombuffer(flags.read(self.band.closed.size * 4), np.uint32)[part[:, 0]] > 0
-            self.band.closed[part[~open_, 0]] = True
-            if self.kept is not None:
-                self.kept[part[:, 0]] = open_ & ~complete
+            self.device.ctx.memory_barrier()
+            open_ = np.frombuffer(flags.read(band.closed.size * 4), np.uint32)[part[:, 0]] > 0
+            band.closed[part[~open_, 0]] = True
+            if band.kept is not None:
+                band.kept[part[:, 0]] = open_ & ~complete
             lists[:, 1] = part[:, 2]
             lists = lists[~complete & open_ & (lists[:, 1] < lists[:, 2])]
 
-    def _composite(self, card: CardLists, target: Target, plan: Plan, last: bool) -> None:
-        complete = self.last and last
-        carried = self.band.begun or not complete
-        tiles = self.band.closed.size
-        rings = self._buffer(RINGS, tiles * RING_BYTES) if carried else None
-        program = self._program("sheet_draw.comp", plan, {"CARRIED": carried})
-        set_uniforms(program, half_table=HALF_LINE_UNIT, opaque=1.0 - plan.hiding.cutoff, complete=complete)
-        self.bind_target(target)
+    def composite(self, spec: Spec, band: Band, card: CardLists, last: bool) -> None:
+        """Adds up the lists that are bound, and composites the sheets that are complete."""
+        complete = band.last and last
+        carried = band.begun or not complete
+        tiles = band.closed.size
+        rings = self.tiles.buffers.bind(RINGS, tiles * RING_BYTES) if carried else None
+        program = spec.compiled(self.device.programs, band, spec.drawing, {"CARRIED": carried})
+        set_uniforms(program, half_table=HALF_LINE_UNIT, opaque=1.0 - spec.plan.hiding.cutoff, complete=complete)
+        self.tiles.bind_images(spec.target)
         # so many tiles at a time that a block holds their open sheets
-        most = max(most_block(self.ctx) // RING_BYTES, 1) if carried else tiles
+        most = max(most_block(self.device.ctx) // RING_BYTES, 1) if carried else tiles
         for first in range(0, tiles, most):
             part = min(most, tiles - first)
             if rings is not None:
                 rings.bind_to_storage_buffer(RINGS, offset=first * RING_BYTES, size=part * RING_BYTES)
             set_uniforms(program, first_tile=first)
             program.run(part)
-        self.ctx.memory_barrier()
-        self.band.begun = True
+        self.device.ctx.memory_barrier()
+        band.begun = True
 
-    def _keep(self) -> moderngl.Buffer:
+    def _keep(self, band: Band) -> moderngl.Buffer:
         """Returns storage for the open sheets of all tiles, none of which are stored yet."""
-        self.kept = np.zeros(self.band.closed.size, bool)
-        return self._buffer(RINGS, self.kept.size * RING_BYTES)
-
-    def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
-        limited = self.limits is not None and name == "sheet_draw.comp"
-        features = {"LIMITED": limited, "NEAR": self.is_near} if name == "sheet_draw.comp" else {}
-        program = super()._program(name, plan, {**switches, **{switch: True for switch, on in features.items() if on}})
-        if self.limits is not None:
-            set_uniforms(program, nearest_depth=NEAREST_UNIT, farthest_depth=FARTHEST_UNIT)
-            self.limits.use()
-        return program
+        band.kept = np.zeros(band.closed.size, bool)
+        return self.tiles.buffers.bind(RINGS, band.kept.size * RING_BYTES)
 
 
-class BoxTiles(Tiles):
-    """Draws boxes in tiles; reuses its buffers and textures between pictures."""
-
-    drawing = "box_draw.comp"
-    # depths between which boxes are drawn; None: all. For one of several layers: sets up a program to store the matter
-    limits: Limits | None = None
-    keeping: Callable[[moderngl.ComputeShader], None] | None = None
-
-    def _uniforms(self, splats: Splats, plan: Plan) -> Uniforms:
-        uniforms = super()._uniforms(splats, plan)
-        self.exact = self.limits is not None or self.keeping is not None
-        if self.limits is None:
-            return uniforms
-        self.limits.use()
-        units = {"nearest_depth": NEAREST_UNIT, "farthest_depth": FARTHEST_UNIT}
-        return uniforms | units | {"depth_unit": self.limits.unit / splats.grid.mean_spacing}
-
-    def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
-        if name != self.drawing:
-            return super()._program(name, plan, switches)
-        features = {"LIMITED": self.limits is not None, "LAYERED": self.keeping is not None}
-        program = super()._program(name, plan, {**switches, **features})
-        if self.keeping is not None:
-            self.keeping(program)
-        return program
+def in_pixels(window: Window, stride: int) -> Window:
+    """Returns the pixels of the view of a window of samples."""
+    return Window(*(stride * side for side in window.box))
 
 
 # maximum splats of a run (llvmpipe ends a loop after 65535 iterations); minimum runs, for all cores and lanes
@@ -406,14 +385,13 @@ class SheetOrder:
     """Sorts splats by first sheet; reuses its buffer and texture between pictures, and enlarges them on demand."""
 
     def __init__(self, device: Device) -> None:
-        self.ctx, self.programs = device.ctx, device.programs
-        self.buffers: dict[int, moderngl.Buffer] = {}
+        self.ctx, self.programs, self.buffers = device.ctx, device.programs, Buffers(device.ctx)
         self.order: moderngl.Texture | None = None
 
     def release(self) -> None:
         """Frees the buffers and the texture; they are recreated on demand."""
-        free(*self.buffers.values(), self.order)
-        self.buffers, self.order = {}, None
+        free(self.buffers, self.order)
+        self.order = None
 
     def sorted(
         self,
@@ -436,12 +414,12 @@ class SheetOrder:
         runs = max(LEAST_RUNS, -(-count // (MOST_RUN * lanes)) * lanes)
         if parts is not None:
             ends = np.searchsorted(lengths, count * np.arange(1, runs) / runs)
-            self._buffer(RUNS, (runs + 1) * 4).write(np.array([0, *ends, len(parts)], np.uint32))
-            self._buffer(PARTS, max(parts.nbytes, 16)).write(parts)
+            self.buffers.bind(RUNS, (runs + 1) * 4).write(np.array([0, *ends, len(parts)], np.uint32))
+            self.buffers.bind(PARTS, max(parts.nbytes, 16)).write(parts)
         values = {"sheets": number, "begin": 0, **uniforms, "records": RECORDS_UNIT, "clustered": NAMES_UNIT}
         values |= {"number": number, "count": count, "length_": -(-count // runs)}
         size = runs * (number + 1) * 4
-        cursors = self._buffer(CURSORS, size)
+        cursors = self.buffers.bind(CURSORS, size)
         clear_buffer(cursors, size)
         texels.records.use(RECORDS_UNIT)
         switches = {"CLUSTERED": parts is not None}
@@ -466,9 +444,3 @@ class SheetOrder:
             set_uniforms(program, first_run=first * lanes, **values)
             program.run(min(end * GROUPS, runs // lanes) - first)
             self.ctx.memory_barrier()
-
-    def _buffer(self, binding: int, size: int) -> moderngl.Buffer:
-        """Returns a storage buffer of at least `size` bytes, and binds it."""
-        storage = grow_buffer(self.ctx, self.buffers, binding, size)
-        storage.bind_to_storage_buffer(binding)
-        return storage

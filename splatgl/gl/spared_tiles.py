@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import Range, Texels
+from splatgl.gl.buffers import DrawOrder
 from splatgl.gl.device import Device
+from splatgl.gl.meshes import Limits
 from splatgl.gl.program import cover, set_uniforms
-from splatgl.gl.sheet_tiles import MOST_PIXELS, SheetTiles
-from splatgl.gl.target import Target
-from splatgl.gl.tiles import Band, Placed, bands_of, tile_counts
+from splatgl.gl.sheet_tiles import MOST_PIXELS, Ordered, SheetTiles
+from splatgl.gl.target import Portions, Target
+from splatgl.gl.tiles import Spec, bands_of, tile_counts
 from splatgl.splat.culling import Window
 from splatgl.splat.plan import Plan
 from splatgl.splat.splats import Splats
@@ -63,6 +67,22 @@ class SingleSamples:
         needed = error > plan.resolved.allowed
         return needed, float(needed.sum() / max(holds.sum(), 1))
 
+    def needed(
+        self, plan: Plan, window: Window, draw: Callable[[Target, Window], None], is_probed: bool = True
+    ) -> np.ndarray | None:
+        """Draws one sample a pixel of a window of samples. Returns bool [rows, columns] of the tiles of samples that
+        need all; None if most do. draw: composites a window of a target. is_probed: a row of tiles in the middle tells.
+        """
+        target, (whole, strip) = self.begin(plan), single_windows(window, plan.samples)
+        if is_probed:
+            draw(target, strip)
+            if self.measure(target, plan, strip)[1] > MOST_NEEDED:
+                self.kept = None
+                return None
+            target.clear()
+        draw(target, whole)
+        return self.measure(target, plan, whole)[0]
+
     def resolving(self, plan: Plan) -> moderngl.Program:
         """Returns the program of the resolve pass; `kept` is then forgotten."""
         program = self.programs.for_screen("resolve.frag", plan.program, {"SINGLE": self.kept is not None})
@@ -84,106 +104,60 @@ def single_windows(window: Window, k: int) -> tuple[Window, Window]:
     return whole, Window(whole.x, middle, whole.width, min(ROWS, whole.y + whole.height - middle))
 
 
-class SparedTiles(SheetTiles):
-    """Draws sheets in tiles, of which those without edges take one sample a pixel."""
+class AdaptiveSamples:
+    """Draws sheets in tiles, of which those without edges take one sample a pixel. single: None: all pixels take all
+    samples.
+    """
 
-    # None: pixels take all samples
-    single: SingleSamples | None = None
-
-    def __init__(self, device: Device) -> None:
-        super().__init__(device)
-        # splats and lists of the bands of one sample a pixel; and those that are reused next, the last first
-        self.parts, self.spare = list[tuple[Window, Placed]](), list[Placed]()
+    def __init__(self, sheets: SheetTiles, single: SingleSamples | None) -> None:
+        self.sheets, self.tiles, self.single = sheets, sheets.tiles, single
 
     def release(self) -> None:
-        """Frees all buffers and textures; they are recreated on demand."""
-        super().release()
-        for placed in (*self.spare, *(placed for _, placed in self.parts)):
-            placed.release()
-        self.parts, self.spare = [], []
+        """Frees all buffers and textures of sheets; they are recreated on demand."""
+        self.sheets.release()
 
-    def _draw_sorted(self, target: Target, splats: Splats, plan: Plan, texels: Texels) -> None:
-        needed = None
-        if self.single is not None and plan.resolved.allowed and self.limits is None and len(splats) <= MOST_HELD:
-            needed = self._draw_single(self.single, splats, plan, texels)
+    def draw(
+        self,
+        target: Target,
+        splats: Splats,
+        plan: Plan,
+        order: DrawOrder,
+        portions: Portions,
+        limits: Limits | None = None,
+    ) -> None:
+        """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: unused."""
+        more = {"limits": limits, "exact": limits is not None, "held": True}
+        spec = self.sheets.begin_all(target, splats, plan, portions, **more)
+        ordered, needed = self.sheets.ordered(spec, splats), None
+        if self.single is not None and plan.resolved.allowed and limits is None and len(splats) <= MOST_HELD:
+            draw = partial(self._draw_single, spec, splats, ordered)
+            # solid volumes are drawn in rounds, whose splats are not held
+            needed = self.single.needed(plan, plan.window, draw, is_probed=plan.hiding.depth_batches == 1)
+            if needed is None:
+                self.tiles.reuse_parts()
         if needed is None:
-            super()._draw_sorted(target, splats, plan, texels)
+            self.sheets.draw(spec, splats, ordered)
             return
         # as many samples in a band as there are pixels: the same storage holds the open sheets of both
         pixels = plan.window.width * plan.window.height // plan.samples**2
         for window in bands_of(plan.window, min(max(pixels, 1), MOST_PIXELS)):
-            self._draw_needed(target, plan, self._begin(splats, plan, window), needed)
+            self._draw_needed(replace(spec, needed=needed), splats, window)
 
-    def _draw_single(self, single: SingleSamples, splats: Splats, plan: Plan, texels: Texels) -> np.ndarray | None:
-        """Draws one sample a pixel. Returns bool [rows, columns] of the tiles of samples that need all; None if most
-        do: of volumes that are not solid a row of tiles in the middle tells.
-        """
-        target, (whole, strip) = single.begin(plan), single_windows(plan.window, plan.samples)
-        try:
-            self.stride = plan.samples
-            if plan.hiding.depth_batches == 1:
-                self._draw_bands(target, splats, plan, texels, [strip])
-                if single.measure(target, plan, strip)[1] > MOST_NEEDED:
-                    single.kept = None
-                    self._reuse_parts()
-                    return None
-                target.clear()
-            self._draw_bands(target, splats, plan, texels, bands_of(whole, MOST_PIXELS))
-        finally:
-            self.stride = 1
-        return single.measure(target, plan, whole)[0]
+    def _draw_single(self, spec: Spec, splats: Splats, ordered: Ordered, target: Target, whole: Window) -> None:
+        """Draws one sample a pixel in bands; `tiles` keeps their splats and lists."""
+        self.tiles.reuse_parts()
+        spec = replace(spec, target=target, stride=spec.plan.samples)
+        for window in bands_of(whole, MOST_PIXELS):
+            self.sheets.draw_window(spec, splats, ordered, window)
+        while self.tiles.spare:
+            self.tiles.spare.pop().release()
 
-    def _draw_bands(self, target: Target, splats: Splats, plan: Plan, texels: Texels, bands: list[Window]) -> None:
-        """Draws one sample a pixel in bands; keeps their splats and lists in `parts`."""
-        self._reuse_parts()
-        for window in bands:
-            self._draw_window(target, splats, plan, texels, window)
-        while self.spare:
-            self.spare.pop().release()
-
-    def _reuse_parts(self) -> None:
-        """Makes the splats and lists of `parts` those that are reused next, in their order."""
-        self.spare = [*self.spare, self.placed, *(placed for _, placed in reversed(self.parts))]
-        self.placed, self.parts = self.spare.pop(), []
-
-    def _place(self, plan: Plan, texels: Texels, which: Range) -> int:
-        held = self.placed.held
-        if held is None or held[0] is not texels or held[1] != which:
-            # placing may be cancelled
-            self.placed.held = None
-            count = super()._place(plan, texels, which)
-            self.placed.held = texels, which
-            return count
-        self.placed.use()
-        return which[1] - which[0]
-
-    def _unlisted(self) -> np.ndarray:
-        if self.stride == 1:
-            return self.band.closed
-        # samples at the edges of a tile may pass one that is closed at its pixels' centres
-        across, down = tile_counts(self.band.window)
-        open_ = np.pad(~self.band.closed.reshape(down, across), 1)
-        for axis in (0, 1):
-            open_ = open_ | np.roll(open_, 1, axis) | np.roll(open_, -1, axis)
-        return np.asarray(~open_[1:-1, 1:-1].ravel())
-
-    def _add_up_all(self, target: Target, plan: Plan, lists: np.ndarray) -> None:
-        if self.stride == 1:
-            super()._add_up_all(target, plan, lists)
-            return
-        self.placed.lists, self.placed.last = lists, self.last
-        super()._add_up_all(target, plan, lists[~self.band.closed[lists[:, 0]]])
-        # only now: a cancelled picture keeps what is placed in one place
-        self.parts.append((self.band.window, self.placed))
-        self.placed = self.spare.pop() if self.spare else Placed()
-
-    def _draw_needed(self, target: Target, plan: Plan, band: Band, needed: np.ndarray) -> None:
-        """Composites all samples of the tiles `needed` of a band, by the lists of the tiles of one sample a pixel."""
-        k, (across, down), own = plan.samples, tile_counts(band.window), self.placed
-        row, column = band.window.y // ROWS, band.window.x // COLUMNS
-        band.closed |= ~needed[row : row + down, column : column + across].ravel()
+    def _draw_needed(self, spec: Spec, splats: Splats, within: Window) -> None:
+        """Composites all samples of needed tiles of a window, by the lists of the tiles of one sample a pixel."""
+        k, (across, down), band = spec.plan.samples, tile_counts(within), self.sheets.begin_band(spec, splats, within)
+        row, column = within.y // ROWS, within.x // COLUMNS
         steps = np.mgrid[:k, :k].reshape(2, -1)
-        for window, placed in self.parts:
+        for window, placed in self.tiles.parts:
             assert placed.lists is not None
             tile, begin, end, _ = placed.lists.astype(np.int64).T
             rows, columns = np.divmod(tile, tile_counts(window)[0])
@@ -194,10 +168,7 @@ class SparedTiles(SheetTiles):
             inside &= ~band.closed[tiles]
             ends = [np.broadcast_to(each[:, None], tiles.shape)[inside] for each in (begin, end)]
             lists = np.stack([tiles[inside], *ends, np.zeros_like(ends[0])], axis=1)
-            self.placed, self.last = placed, placed.last
+            band.last = placed.last
             placed.use()
-            try:
-                self._add_up_all(target, plan, lists.astype(np.uint32))
-            finally:
-                self.placed = own
-        self._flush(target, plan)
+            self.tiles.add_up(spec, self.sheets, band, lists.astype(np.uint32), placed)
+        self.sheets.flush(spec, band)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -13,10 +14,9 @@ from splatgl.gl.card_lists import CardLists
 from splatgl.gl.context import current
 from splatgl.gl.program import build_compute
 from splatgl.gl.shader import SORT_BLOCK
-from splatgl.gl.tiles import Tiles
+from splatgl.gl.tiles import Band, Lister, ProjectedSplats, Spec
 from splatgl.splat import bricks as bricking
 from splatgl.splat.bricks import Bricks, bricks_of
-from splatgl.splat.plan import Plan
 from tests.helpers.noise import noise
 from tests.helpers.splatting import SPLATS
 
@@ -62,18 +62,19 @@ def test_lists_are_those_of_the_processor(processor: sg.Renderer, monkeypatch: p
     splats = noise("sheared", size=16, opacity=0.5)
     eye = splats.corners.mean(axis=0) + 6.0
     camera = sg.Camera.look_at(eye, splats.corners.mean(axis=0), (0, 0, 1), 60, (150, 90))
-    placed: list[tuple[Tiles, Plan, int]] = []
+    counted: list[tuple[Spec, Band, ProjectedSplats, int]] = []
 
-    def keep(tiles: Tiles, plan: Plan, count: int) -> np.ndarray | None:
-        placed.append((tiles, plan, count))
-        return original(tiles, plan, count)
+    def keep(lister: Lister, *given: Any) -> np.ndarray | None:
+        counted.append(given)
+        return original(lister, *given)
 
-    original = Tiles._count
-    monkeypatch.setattr(Tiles, "_count", keep)
+    original = Lister.count
+    monkeypatch.setattr(Lister, "count", keep)
     processor.render(splats, camera, SPLATS.but(technique="tiles", tolerance=1e-4))
-    (tiles, plan, count), *_ = placed
+    (spec, band, placed, count), *_ = counted
+    lister = processor.passes.tiles.lister
     with current(processor.ctx):
-        closed = np.zeros(tiles.band.closed.size, bool)
+        closed = np.zeros(band.closed.size, bool)
         closed[5:90:3] = True
         lists = CardLists(processor.ctx)
         if name == "many":
@@ -82,10 +83,10 @@ def test_lists_are_those_of_the_processor(processor: sg.Renderer, monkeypatch: p
         lists.set_entries(0)
 
         def compile_(name: str, switches: Mapping[str, bool]) -> moderngl.ComputeShader:
-            return tiles._program(name, plan, dict(switches))
+            return spec.compiled(processor.passes.device.programs, band, name, switches)
 
         listed: list[list[int]] = [[] for _ in closed]
-        for unit, texture in enumerate(tiles.placed.textures):
+        for unit, texture in enumerate(placed.textures):
             texture.use(8 + unit)
         sort, most = 0, 100
         lists.count_pairs(compile_, 0, count)
@@ -100,11 +101,11 @@ def test_lists_are_those_of_the_processor(processor: sg.Renderer, monkeypatch: p
             if entries < lists.room or sort == most:
                 break
         assert 3 < sort < most if name == "many" else sort == 1
-        tiles.band.closed[:] = closed
-        expected = original(tiles, plan, count)
+        band.closed[:] = closed
+        expected = original(lister, spec, band, placed, count)
         assert expected is not None
-        tiles._list(plan, count, int(expected[-1, 2]))
-        numbers = np.frombuffer(tiles.buffers[6].read(int(expected[-1, 2]) * 4), np.uint32)
+        lister.list(spec, band, placed, count, int(expected[-1, 2]))
+        numbers = np.frombuffer(lister.buffers.kept[6].read(int(expected[-1, 2]) * 4), np.uint32)
         for tile, begin, end, _ in expected:
             np.testing.assert_array_equal(listed[tile], numbers[begin:end])
         assert sum(map(len, expected)) > 0

@@ -350,7 +350,7 @@ def test_what_is_freed_is_made_again(letter: sg.Splats, renderer: sg.Renderer, t
     once = renderer.render(letter, camera, settings).pixels
     assert renderer.passes.device.splats.kept
     renderer.free()
-    kept = renderer.passes.device.splats.kept, renderer.passes.targets.kept, renderer.passes.tiles.buffers
+    kept = renderer.passes.device.splats.kept, renderer.passes.targets.kept, renderer.passes.tiles.buffers.kept
     assert not any(kept)
     assert (renderer.render(letter, camera, settings).pixels == once).all()
     # what is bound is none of what is freed: a window's OpenGL refuses to bind it again

@@ -229,8 +229,8 @@ def test_what_lies_beside_the_box_is_passed_over(
 ) -> None:
     """Kernels reach beyond the box, rays do not: tiles beside it are not listed, and the same bits are drawn."""
     splats, listed = matter(grid), []
-    count, right = tiles.Tiles._count, tiles_beside_box
-    monkeypatch.setattr(tiles.Tiles, "_count", lambda *given: listed.append(count(*given)) or listed[-1])
+    count, right = tiles.Lister.count, tiles_beside_box
+    monkeypatch.setattr(tiles.Lister, "count", lambda *given: listed.append(count(*given)) or listed[-1])
     for name, camera in eyes(splats).items():
         pictures, entries = [], []
         for beside in (right, lambda *_: np.zeros(1, bool)):
