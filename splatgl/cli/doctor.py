@@ -17,7 +17,7 @@ from splatgl.data.scenes import ball
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import InputError
 from splatgl.gl.context import ContextInfo, context_info, egl_devices, open_context
-from splatgl.gl.renderer import Renderer
+from splatgl.gl.renderer import Renderer, open_renderer
 from splatgl.gl.selfcheck import Check, run_checks
 from splatgl.opengl import OpenGL
 from splatgl.platforms import BACKENDS
@@ -144,7 +144,7 @@ def _check_backend(opengl: OpenGL) -> tuple[list[str], bool]:
 
 def _check_images(opengl: OpenGL) -> tuple[list[str], bool]:
     """Lines with the techniques of the context and the error of each image, and whether all are correct."""
-    with Renderer.on(opengl) as renderer:
+    with open_renderer(opengl) as renderer:
         tiles = renderer.tiles is not None
         results = {name: _check_image(renderer, name, *image) for name, image in _images(tiles).items()}
     enabled = "compute shaders: draws by tiles, quads and streaks"

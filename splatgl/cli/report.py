@@ -68,12 +68,12 @@ def run(args: argparse.Namespace) -> int:
     subjects = open_subjects(args.sources or DEFAULT_SCENES, level)
 
     from splatgl.cli.doctor import machine
-    from splatgl.gl.renderer import Renderer
+    from splatgl.gl.renderer import open_renderer
     from splatgl.gl.target import check_size
     from splatgl.report.page import publish, strip
 
     ended, scenes, strips, wanted = 0, [], {}, level.methods(args.only)
-    with Renderer.on(record_of(args, OpenGL)) as renderer:
+    with open_renderer(record_of(args, OpenGL)) as renderer:
         for subject in subjects:
             check_size(renderer.ctx, subject.camera.size)
         try:

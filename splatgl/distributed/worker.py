@@ -77,11 +77,11 @@ def _worker() -> Any:
 
 def renderer(drawing: Drawing) -> Renderer:
     """The renderer of this process; closes one with other options."""
-    from splatgl.gl.renderer import Renderer
+    from splatgl.gl.renderer import open_renderer
 
     if _Cache.renderer is None or _Cache.drawing != drawing:
         _release()
-        _Cache.renderer = Renderer.on(replace(drawing, device=device_of(drawing, index())))
+        _Cache.renderer = open_renderer(replace(drawing, device=device_of(drawing, index())))
         _Cache.drawing = drawing
     return _Cache.renderer
 

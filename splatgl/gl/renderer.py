@@ -74,11 +74,6 @@ class Renderer:
         finally:
             hand_back()
 
-    @classmethod
-    def on(cls, opengl: OpenGL) -> Renderer:
-        """A renderer of this choice of OpenGL."""
-        return cls(opengl.backend, opengl.device, opengl.gpu or False)
-
     def __enter__(self) -> Renderer:
         return self
 
@@ -407,3 +402,8 @@ def check_bricks_supported(whole: Splats, camera: Camera, settings: Settings) ->
             raise expected(name.replace("_", " "), "a volume that fits into memory", "one in bricks or parts", fix)
     if not camera.perspective and camera.eye_from_points(whole.corners)[:, 2].min() < 0:
         raise expected("a volume in bricks", "a parallel view from outside", "an eye whose plane cuts the volume")
+
+
+def open_renderer(opengl: OpenGL) -> Renderer:
+    """A renderer of this choice of OpenGL."""
+    return Renderer(opengl.backend, opengl.device, opengl.gpu or False)

@@ -96,8 +96,10 @@ def resolve_scene(subject: Splats | Scene, camera: Camera, settings: Settings, r
         shown = common_samples(layers, camera, settings)
         layers = shown if is_ordered else [(splats, look.but(background=None)) for splats, look in shown]
     elif row != "row1":
-        own = {"classification": "pre", "compositing": "splats", "kernel": voxel_kernel(settings)}
-        layers = [(splats, replace(look, **own)) for splats, look in layers]
+        own = voxel_kernel(settings)
+        layers = [
+            (splats, replace(look, classification="pre", compositing="splats", kernel=own)) for splats, look in layers
+        ]
     layers = [(clip_behind_eye(select_splats(splats, look, False, camera), camera), look) for splats, look in layers]
     resolved = [Resolved.of(splats, camera, look) for splats, look in layers]
     if not is_single and is_ordered:

@@ -92,11 +92,11 @@ class DrawOptions:
         """The renderer for one picture."""
         if self.held is not None:
             return nullcontext(self.held)
-        from splatgl.gl.renderer import Renderer
+        from splatgl.gl.renderer import open_renderer
         from splatgl.scene.shared_renderer import shared_renderer
 
         early = self.early.result() if self.early else None
-        return shared_renderer() if self.is_shared else early or Renderer.on(self.opengl)
+        return shared_renderer() if self.is_shared else early or open_renderer(self.opengl)
 
     @contextmanager
     def open_early(self) -> Iterator[DrawOptions]:
@@ -107,10 +107,10 @@ class DrawOptions:
 
         def opened() -> Renderer | None:
             from splatgl.gl.backends import switch_to
-            from splatgl.gl.renderer import Renderer
+            from splatgl.gl.renderer import open_renderer
 
             try:
-                return Renderer.on(replace(self.opengl, backend="egl"))
+                return open_renderer(replace(self.opengl, backend="egl"))
             except InputError:
                 # `renderer` tries again, also other backends, and tells why none opens
                 return None

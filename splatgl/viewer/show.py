@@ -111,11 +111,11 @@ def start_reading(scene: SceneFile, source: str = "", reopen: Reopen | None = No
 def open_window(files: Files, scene: SceneFile, options: Options, opengl: OpenGL) -> None:
     """Opens the window for files that are being read; returns once it is closed."""
     from splatgl.gl.backends import BackendError
-    from splatgl.gl.renderer import Renderer
+    from splatgl.gl.renderer import open_renderer
     from splatgl.viewer.document import Document
     from splatgl.viewer.viewer import Viewer
 
-    with Renderer.on(opengl) as renderer:
+    with open_renderer(opengl) as renderer:
         viewer = Viewer(Document.placeholder(scene), renderer, options, files)
         try:
             with _ended_by_signals(viewer) if options.owns_process else nullcontext():

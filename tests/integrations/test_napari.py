@@ -361,7 +361,7 @@ def replace_opacity(layer: Image, opacity: float) -> Image:
 def test_levels_of_a_pyramid_fit_into_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     fine = np.repeat(np.repeat(np.repeat(spots((4, 5, 6)), 2, 0), 2, 1), 2, 2)
     layer = Image(fine, (0.5, 0.5, 0.5), name="levels")
-    layer.data, layer.multiscale = [fine, fine[::2, ::2, ::2]], True
+    layer.__dict__.update(data=[fine, fine[::2, ::2, ::2]], multiscale=True)
     seen = viewer(layer, center=MIDDLE)
     whole = panel.volume_of(layer, seen)
     monkeypatch.setattr(panel, "MOST_VOXELS", 2000)
@@ -385,7 +385,10 @@ def test_the_widget_draws_saves_and_tells(tmp_path: Path, monkeypatch: pytest.Mo
     drawn.add_layer()
     assert (added[0] == panel.picture(seen).samples8()[..., :3]).all()
     for name, told in (("a.png", "pixels"), ("no/x.txt", "x.txt")):
-        monkeypatch.setattr(widget.QFileDialog, "getSaveFileName", lambda *_, name=name: (str(tmp_path / name), ""))
+        monkeypatch.setattr(
+            "splatgl.integrations.napari.widget.QFileDialog.getSaveFileName",
+            lambda *_, name=name: (str(tmp_path / name), ""),
+        )
         drawn.save()
         assert told in drawn.summary.text()
     assert sg.Image.load(tmp_path / "a.png").pixels.shape == (48, 64, 4)

@@ -59,7 +59,7 @@ def in_notebook(path: Path) -> None:
 @pytest.mark.parametrize("draw", [by_python, by_command, in_window, in_notebook])
 def test_a_picture_is_planned_once(draw: Callable[[Path], None], path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     planned, drawn = list[object](), list[object]()
-    plan, render = scenes.plan, sg.Renderer.render
+    plan, render = vars(scenes)["plan"], sg.Renderer.render
 
     def counted(*arguments: Any, **others: Any) -> Any:
         planned.append(arguments)
