@@ -38,7 +38,7 @@ float pixel_side(float z) {
 
 // The antialiasing's smallest half axis at depth z; 0 without antialiasing.  [M98 Eq. 3]
 float smallest_axis(float z) {
-    return ANTIALIAS == 1 ? pixel_side(z) : 0.0;
+    return ANTIALIAS == 1 ? frame.blur * pixel_side(z) : 0.0;
 }
 
 // Half axes of a kernel of unit radius, projected across the plane of e1 and e2.

@@ -23,6 +23,7 @@ layout(std140) uniform Frame {
     vec4 last_from_base;
     float line;                // W: the footprint's integral along a line through its centre
     float weaken;              // a streak of length l is weaker by 1 + l · weaken
+    float blur;                // pixels below which antialiasing leaves no half axis
 } frame;
 
 layout(std140) uniform Style {

@@ -28,6 +28,7 @@ class PictureSettingsKeywords(TypedDict, total=False):
     align: Literal["auto", "exact", "ray", "grid", "hybrid"]
     z_s: float | None
     attenuation: Literal["auto", "opacity", "optical-depth", "fill"]
+    blur_width: float
     footprint: Literal["auto", "table"]
     table_size: int | None
     table_bits: Literal[8, 16, 32]

@@ -44,7 +44,7 @@ FRAME = std140(
     (VEC2, "image_center", "beyond", "edge", "support", "stretch"),
     (MATRIX, "first_from_index", "last_from_index"),
     (VEC4, "first_from_base", "last_from_base"),
-    (FLOAT, "line", "weaken"),
+    (FLOAT, "line", "weaken", "blur"),
 )
 STYLE = std140(
     (FLOAT, "radius", "peak", "opacity_length", "ambient", "diffuse", "radial_scale", "radial_last", "brightest"),
@@ -66,7 +66,7 @@ def frame_block(splats: Splats, plan: Plan) -> np.ndarray:
     block["base"][:3] = base
     block["eye_from_base"][:3] = view.eye_from_index @ (view.eye_index - base)
     block["clip_scale"] = 1 / view.edge
-    block["pixel_pitch"] = view.pitch
+    block["pixel_pitch"], block["blur"] = view.pitch, view.blur
     block["switch_depth"] = min(plan.z_s / splats.grid.mean_spacing, 2 * FAR)
     block["near"] = NEAR
     block["depth_reach"] = view.reach

@@ -48,7 +48,7 @@ class Ewa:
             density = np.where(ahead, 1.0, 0.0)
         across = np.einsum("ijn,jk->ikn", rows, view.eye_from_index)
         shape = np.stack([(across[i] * across[j]).sum(axis=0) for i, j in ((0, 0), (0, 1), (1, 1))])
-        filtered = shape + np.array([[1.0], [0.0], [1.0]]) * view.pitch**2 * view.antialias
+        filtered = shape + np.array([[1.0], [0.0], [1.0]]) * view.filter_pitch**2 * view.antialias
         area = np.sqrt(_determinant(filtered))
         volume = abs(float(np.linalg.det(view.eye_from_index)))
         return cls(middle, filtered, density * jacobian * volume / area, np.sqrt(_determinant(shape)) / area)

@@ -217,10 +217,10 @@ def _outline(voxel: np.ndarray, corner: np.ndarray, quadric: Quadric) -> tuple[n
 
 
 def _widened_bounds(view: GridView, row: str, voxel: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest slopes of voxels widened by antialiasing, as wide as the kernel or a pixel."""
+    """Lowest and highest slopes of voxels widened by antialiasing, as wide as the kernel or its low-pass."""
     z = voxel[2]
     near = z - view.reach
-    half = _half_axes(view, np.maximum(view.widths[:, None] / near, view.pixel_side(z) / z))
+    half = _half_axes(view, np.maximum(view.widths[:, None] / near, view.filter_side(z) / z))
     if row in ("row2", "row3"):
         # the slant to the plane at the voxel's depth, or to the voxel's ray, is at most the image corner's
         length, radius = np.sqrt((voxel * voxel).sum(axis=0)), view.kernel.radius
@@ -284,7 +284,7 @@ class Discs:
         # a ball around the kernel; beyond z_k footprints grow with depth
         size = float(np.linalg.norm(view.eye_from_index, 2))
         reach, further = view.kernel.radius * size, around * size
-        widest = STRETCHED * view.kernel.radius * view.pitch * view.antialias
+        widest = STRETCHED * view.kernel.radius * view.filter_pitch * view.antialias
         depth, slant, is_ahead = np.ones(len(positions)), 1.0, np.ones(len(positions), bool)
         if view.perspective:
             # a splat around a place in front of the eye may be behind it
@@ -363,7 +363,7 @@ class Row:
         ray = self.voxel if view.perspective else np.array([[0.0], [0.0], [1.0]])
         length = np.sqrt((ray * ray).sum(axis=0))
         along = view.index_from_eye @ (ray / np.where(length > 0, length, 1.0))
-        pixel = np.where(view.is_widened(z), view.pixel_side(z), 0.0)
+        pixel = np.where(view.is_widened(z), view.filter_side(z), 0.0)
         widths = np.linalg.norm(view.eye_from_index, axis=0)
         return fill_depth(depth, along, widths, pixel, self.coverage(), splats.runs)
 
@@ -378,7 +378,7 @@ class Row:
         if self.name != "row1":
             # rows 2 and 3 equal row 1 where nothing is widened
             some = np.flatnonzero(self.view.is_widened(voxel[2]))
-            cubes = Splat(self.view.kernel, voxel[:, some].T, ray[:, some].T, 1 / self.view.pitch)
+            cubes = Splat(self.view.kernel, voxel[:, some].T, ray[:, some].T, 1 / self.view.filter_pitch)
             integral.value[some] = ROWS[self.name](cubes)
         return integral
 

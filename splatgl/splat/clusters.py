@@ -123,7 +123,7 @@ class Clusters:
             low, high = low / np.where(low > 0, ends[1], ends[0]), high / np.where(high > 0, ends[0], ends[1])
         if view.antialias:
             slant = float(np.hypot(*view.edge)) if view.perspective else 0.0
-            margin += STRETCHED * view.kernel.radius * (1 + slant)
+            margin += STRETCHED * view.kernel.radius * view.blur * (1 + slant)
         offset = stride * np.array([[window.x], [window.y]]) - np.array([view.size]).T / 2
         side, many = np.array([[COLUMNS], [ROWS]]), np.array([[window.width], [window.height]])
         many, side = -(-many // side), stride * side

@@ -57,7 +57,8 @@ def _is_ahead(splats: Splats, camera: Camera, slack: float) -> np.ndarray:
 BLOCK = 256
 # pixels added around the picture, since a tile may cross its edge
 BLOCK_MARGIN = 8
-# beyond z_k a footprint's radius is R pixels, times √2 for slant, plus a margin for its first-order terms
+# beyond z_k a footprint's radius is R pixels times the blur's width, times √2 for slant, plus a margin for its
+# first-order terms
 STRETCHED = 2.0
 
 
@@ -83,7 +84,7 @@ class Frustum:
             normals[axis, :, axis] = 1.0
             normals[axis, :, 2] = edge[axis] * np.array([-1, 1]) if view.perspective else 0.0
         support = view.kernel.radius * np.linalg.norm(normals @ view.eye_from_index, axis=-1).max(axis=1)
-        widest = STRETCHED * view.kernel.radius * view.pitch * view.antialias
+        widest = STRETCHED * view.kernel.radius * view.filter_pitch * view.antialias
         if not view.perspective:
             return cls(view, edge, np.maximum(support, widest), np.zeros(2))
         return cls(view, edge, support, np.full(2, widest * (1 + float(np.hypot(*edge)))))
@@ -226,7 +227,9 @@ def screen_bounds(box: np.ndarray, view: GridView) -> ScreenBounds:
     corners, size = view.voxels(box), view.size
     steps = view.eye_from_index * view.kernel.radius
     if not view.perspective:
-        half = max(float(np.linalg.norm(steps[:2], axis=1).max()) / view.pitch, STRETCHED * view.kernel.radius)
+        half = max(
+            float(np.linalg.norm(steps[:2], axis=1).max()) / view.pitch, STRETCHED * view.kernel.radius * view.blur
+        )
         return ScreenBounds(_window(corners[:2].T / view.pitch, half, size), float(corners[2].mean()))
     # the kernel's reach in depth, and the nearest centre
     deep, nearest = float(np.linalg.norm(steps[2])), float(corners[2].min())
@@ -237,7 +240,7 @@ def screen_bounds(box: np.ndarray, view: GridView) -> ScreenBounds:
     across = steps[:2]
     furthest = np.array([_furthest(nearest, edge, s, steps[2]) for edge, s in zip(view.edge, across, strict=True)])
     sides = [_sides(nearest, slope, step, steps[2]) for slope, step in zip(furthest, across, strict=True)]
-    stretched = STRETCHED * view.kernel.radius * (1 + float(np.hypot(*furthest)))
+    stretched = STRETCHED * view.kernel.radius * view.blur * (1 + float(np.hypot(*furthest)))
     half = max(max(max(side) for side in sides) / view.pitch, stretched)
     return ScreenBounds(_window((corners[:2] / corners[2]).T / view.pitch, half, size), middle)
 

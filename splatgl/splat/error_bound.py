@@ -316,7 +316,10 @@ def _streak_errors(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[Plac
     steps = splats.grid.world_from_index / splats.grid.mean_spacing
     astray = 0.0 if exposure.flow is None else 2 * float(np.linalg.norm(exposure.drift(splats), axis=1).max())
     cameras = (exposure.first, exposure.middle, exposure.last)
-    views = [GridView.of(splats.grid, camera.resized(plan.view.size), shape, props.antialias) for camera in cameras]
+    views = [
+        GridView.of(splats.grid, camera.resized(plan.view.size), shape, props.antialias, plan.view.blur)
+        for camera in cameras
+    ]
     boxes = [view.box(splats) for view in views]
     longest = float(np.linalg.norm(steps, ord=2))
     nearest = min(float(box[2].min()) for box in boxes) - astray * longest
@@ -531,7 +534,7 @@ def _placement_errors(region: Region, view: GridView, plan: Plan) -> tuple[np.nd
         place = place + ROUNDINGS * ULP * np.maximum(wider, 0.0)
     if not view.perspective:
         # a shift along the rays changes nothing
-        return place / max(view.widths[1], view.pitch if view.antialias else 0.0), np.zeros_like(place)
+        return place / max(view.widths[1], view.filter_pitch if view.antialias else 0.0), np.zeros_like(place)
     gain = np.full_like(place, plan.resolved.unsure if view.antialias else 0.0)
     # a splat may be outside the picture by the footprint's half width
     near = np.maximum(region.near, 1e-3)
@@ -549,12 +552,12 @@ def _placement_errors(region: Region, view: GridView, plan: Plan) -> tuple[np.nd
 def _second_order(view: GridView, cubic: bool, nearest: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Shift, in voxels, and relative gain of widened splats from the depth `nearest` on, in mean spacings."""
     radius, widths = view.kernel.radius, np.linalg.svd(view.eye_from_index, compute_uv=False)
-    half = 2 * radius * view.pitch + radius * widths[0] / nearest
+    half = 2 * radius * view.filter_pitch + radius * widths[0] / nearest
     slope = view.shrink(nearest)[0] * (slope + half)
     sine2 = slope**2 / (1 + slope**2)
     bent = radius**2 * (widths[0] / nearest) ** 2
     if cubic:
-        rim, t = RIMMED if rim_step(view.kernel) > 1e-6 else 1.0, radius * view.pitch
+        rim, t = RIMMED if rim_step(view.kernel) > 1e-6 else 1.0, radius * view.filter_pitch
         return rim * radius * bent * (MOVED[0] + MOVED[1] * sine2), BENT * bent + SECANT * min(t**2, t**3)
     near = bent / radius**2 * widths[0] / widths[-1]
     moved = MOVED_LONG[0] + MOVED_LONG[1] * sine2 + MOVED_LONG[2] * sine2**2 + np.minimum(OMITTED[0] * near, OMITTED[1])

@@ -346,7 +346,7 @@ def row5(splat: Splat) -> np.ndarray:
 ROWS = {"row1": row1, "row2": row2, "row3": row3, "row4": row4, "row5": row5}
 
 
-def switch_depth(kernel: Kernel, half_angle: float, pixels: int, extent: float, tolerance: float) -> float:
+def switch_depth(kernel: Kernel, half_angle: float, pixels: float, extent: float, tolerance: float) -> float:
     """z_s/z_k: the nearest depth beyond z_k where grid-aligned instead of ray-perpendicular splats cost
     at most `tolerance` levels (255 · difference / peak) more at the volume's edge [M98 §4.2, Fig. 10].
 

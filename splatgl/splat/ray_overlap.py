@@ -107,7 +107,7 @@ def _overlap_by_planes(splats: Splats, view: GridView, radius: float) -> RayOver
     cells, corners, longest, stretch = cells_of(splats), view.box(splats), _longest_reach(view), 1.0
     if view.antialias:
         # area of the widest footprint over its unwidened area
-        widest = view.pitch * (float(corners[2].max()) if view.perspective else 1.0)
+        widest = view.filter_pitch * (float(corners[2].max()) if view.perspective else 1.0)
         stretch = float(np.maximum(widest / view.widths, 1.0).prod())
     radius += 0.0 if cells.aligned else OFF
     ellipse = DISCRETE * np.pi * radius**2
@@ -211,13 +211,13 @@ def _widened_outlines(
     centres = np.sqrt((view.eye_from_index**2).sum(axis=1))[:, None] * around
     low, high = voxel[:2] - centres[:2], voxel[:2] + centres[:2]
     if not view.perspective:
-        half = reach * np.sqrt(view.axes**2 @ np.maximum(view.widths, view.pitch) ** 2)[:, None]
+        half = reach * np.sqrt(view.axes**2 @ np.maximum(view.widths, view.filter_pitch) ** 2)[:, None]
         return low - half, high + half
     nearest = np.maximum(voxel[2] - centres[2], view.widened_beyond[1])
     # the kernel's near end, where it is widest in slopes
     deep = reach * view.depth_reach
     near = np.maximum(nearest - deep, deep)
-    half = reach * np.sqrt(view.axes**2 @ np.maximum(view.widths[:, None] / near, view.pitch) ** 2)
+    half = reach * np.sqrt(view.axes**2 @ np.maximum(view.widths[:, None] / near, view.filter_pitch) ** 2)
     slope = np.maximum(np.abs(low), np.abs(high)) / nearest
     half += slope * deep / near
     some = voxel[2] + centres[2] > view.widened_beyond[1]

@@ -80,7 +80,8 @@ class Resolved:
 
     averaged: whether pixels are means of samples with the end correction of resolve.frag. allowed: largest end
     correction of one sample with which a tile takes no more; 0: all take samples × samples. camera, view: at samples ×
-    samples a pixel. z_k: depth at which the smallest voxel is one sample wide [M98 Eq. 3]. depths: nearest and farthest
+    samples a pixel. z_k: depth at which the smallest voxel is as wide as the low-pass, one
+    sample by default [M98 Eq. 3]. depths: nearest and farthest
     depth of the box of all splats. unsure: see view.py. background: linear RGB; None: transparent. notes: omitted steps
     with reasons, a line each. sheets: None: splats composite one by one. clip, mask: planes and mask that clip rays.
     cues: light that reaches matter; None: all light. mip_attenuation: per reference length. display: whether display
@@ -118,6 +119,10 @@ class Resolved:
         """The view's kernel."""
         return self.view.kernel
 
+    def _is_fine(self, splats: Splats) -> bool:
+        """Whether voxels of the farthest splats are narrower than a sample."""
+        return self.depths[1] > self.camera.z_k(splats.grid.smallest_spacing)
+
     @property
     def boxes(self) -> bool:
         """Whether splats are boxes of voxels, composited one by one in the order of cells."""
@@ -138,7 +143,7 @@ class Resolved:
             "antialias": self.view.antialias,
             "samples": self.samples,
             "averaged": self.averaged,
-            "aliased": not self.averaged and not self.view.antialias and self.depths[1] > self.z_k,
+            "aliased": not self.averaged and (not self.view.antialias or self.view.blur < 1) and self._is_fine(splats),
             "classification": "post" if self.look.steps else "pre",
             "sheets": self.look.sheets,
             "steps": self.look.steps,
@@ -159,7 +164,7 @@ class Resolved:
         fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
         if len(splats):
             check_reach(splats.corners, camera, splats.grid.mean_spacing)
-        z_k = fine.z_k(splats.grid.smallest_spacing)
+        z_k = fine.z_k(splats.grid.smallest_spacing / settings.filter_width)
         boxes = draws_boxes(splats, settings, moving)
         antialias, lit = not boxes and _antialias(settings, z_k, depths[1], notes), _shading(splats, settings, notes)
         light = Light.of(settings.light, settings.light_from, settings.shadows > 0, settings.strengths)
@@ -167,7 +172,7 @@ class Resolved:
         shape = BOX if boxes else kernel(kernel_name(splats, settings))
         if shape is not BOX and has_negative(shape.name):
             _check_sum(shape.name, splats, settings, moving)
-        view = GridView.of(splats.grid, fine, shape, antialias)
+        view = GridView.of(splats.grid, fine, shape, antialias, settings.filter_width)
         beyond, unsure = widening(splats, view)
         sheets = _sheets(splats, settings, view, moving, notes)
         # widened weights of means need no attenuation
@@ -539,7 +544,7 @@ def reach_outside(splats: Splats, settings: Settings, camera: Camera | None) -> 
     # kernels are as much wider as a pixel is wider than a voxel
     smallest = splats.grid.smallest_spacing
     pixel = float(camera.pixel_pitch(depths[1])) / smallest
-    wider = max(pixel / _samples(settings, pixel, camera.size, []), 1.0)
+    wider = max(pixel * settings.filter_width / _samples(settings, pixel, camera.size, []), 1.0)
     return 2 ** math.ceil(math.log2(wider)) if wider <= MOST_WIDER else 0
 
 

@@ -118,6 +118,8 @@ MAX_SAMPLES = 64
 FULL_SHUTTER = 360.0
 # of attenuated-mip: everything behind the first matter is dark long before
 MOST_STRENGTH = 1e6
+# pixels to which antialiasing may stretch a voxel
+LEAST_BLUR, MOST_BLUR = 0.25, 4.0
 # most pictures that a moving picture is the mean of
 MAX_MOMENTS = 4096
 # sheets that share a splat, and most parts of a sheet
@@ -231,6 +233,12 @@ class Settings:
         "what (z_k/z_v)^2 weakens beyond z_k. The opacity (the paper's), the optical depth, or by how far splats fill "
         "a pixel (auto)",
     )
+    blur_width: float = _paper(
+        1.0,
+        Kind.number(f"a width from {LEAST_BLUR:g} to {MOST_BLUR:g} pixels", LEAST_BLUR, MOST_BLUR, metavar="W"),
+        "width in pixels, 0.25 to 4, to which antialias paper stretches voxels. A wider low-pass blurs, a narrower "
+        "one aliases [6] (default 1)",
+    )
     footprint: Footprint = _paper(
         "auto",
         Kind.choice(Footprint),
@@ -342,6 +350,11 @@ class Settings:
     def strengths(self) -> tuple[float | None, ...]:
         """Strengths of ambient, diffuse and specular light; None: the light's."""
         return self.ambient, self.diffuse, self.specular
+
+    @property
+    def filter_width(self) -> float:
+        """Pixels below which antialiasing leaves no voxel's width; samples, of which each pixel has several."""
+        return self.blur_width if self.antialias == "paper" else 1.0
 
     @property
     def mixes_display(self) -> bool:

@@ -37,7 +37,7 @@ def alignment(splats: Splats, view: GridView, settings: Settings, notes: list[st
         return ("exact" if settings.align == "auto" else settings.align), 0.0
     if settings.z_s is not None:
         return "hybrid", settings.z_s
-    z_k = splats.grid.mean_spacing / view.pitch
+    z_k = splats.grid.mean_spacing / view.filter_pitch
     return "hybrid", z_k * _switch(splats, view, settings)
 
 
@@ -46,11 +46,13 @@ def _switch(splats: Splats, view: GridView, settings: Settings) -> float:
     reach = max(float(np.hypot(*view.box(splats)[:2]).max()), 1.0)
     rounded = REACH_STEP ** np.ceil(np.log(reach) / np.log(REACH_STEP))
     half_angle = float(np.arctan(view.edge.max()))
-    return _cached_switch(view.kernel.name, half_angle, max(view.size), float(rounded), settings.tolerance * LEVELS)
+    return _cached_switch(
+        view.kernel.name, half_angle, max(view.size) / view.blur, float(rounded), settings.tolerance * LEVELS
+    )
 
 
 @lru_cache(maxsize=256)
-def _cached_switch(name: str, half_angle: float, pixels: int, reach: float, levels: float) -> float:
+def _cached_switch(name: str, half_angle: float, pixels: float, reach: float, levels: float) -> float:
     return switch_depth(kernel(name), half_angle, pixels, reach, levels)
 
 

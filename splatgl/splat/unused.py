@@ -14,7 +14,17 @@ from splatgl.splat.settings import Settings
 # settings of splats, which meshes alone do not need
 OF_SPLATS = (
     *("mip_attenuation", "kernel", "classification", "compositing", "sheets", "steps", "samples", "align", "z_s"),
-    *("attenuation", "footprint", "table_size", "table_bits", "target", "technique", "order", "occlusion"),
+    *(
+        "attenuation",
+        "blur_width",
+        "footprint",
+        "table_size",
+        "table_bits",
+        "target",
+        "technique",
+        "order",
+        "occlusion",
+    ),
     "ambient_occlusion",
 )
 LIGHT = ("light", "light_from", "ambient", "diffuse", "specular")
@@ -85,6 +95,11 @@ NEEDS: tuple[tuple[tuple[str, ...], Callable[[Use], bool], str], ...] = (
         ("attenuation",),
         lambda use: use.given.attenuation in ("opacity", use.look.attenuation),
         "only splats of blend composite beyond z_k are weakened",
+    ),
+    (
+        ("blur_width",),
+        lambda use: use.given.antialias == "paper" and use.plan.view.antialias,
+        "antialias is not paper, or every splat is nearer than z_k",
     ),
     (("target",), lambda use: use.given.target in ("auto", use.plan.target), "sums of optical depth exceed 8 bits"),
     (("order",), lambda use: use.look.blend.ordered, "the blend has no order"),

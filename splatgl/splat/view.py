@@ -4,8 +4,8 @@ Ellipses are twins of `shaders/ellipse.glsl`; vectors are [3, N].
 
 Lengths are in mean voxel spacings s̄, in eye axes (right, down, forward). A voxel's kernel is
 h(A⁻¹(x − v)), of unit volume, A = eye_from_index/s̄. Antialiasing widens it across the view: along the
-axes u_i of A's first two rows, of half widths σ_i, an offset shrinks by (σ_i/p)(z_v/z) where a pixel's
-side p at the voxel's depth z_v is longer than σ_i.
+axes u_i of A's first two rows, of half widths σ_i, an offset shrinks by (σ_i/p)(z_v/z) where p, a pixel's
+side at the voxel's depth z_v times the blur's width, is longer than σ_i.
 
 Antialiasing jumps by O(1/z_k) at the depth where widening begins: voxels at exactly that depth would be widened in one
 precision and not in the other. The depth is increased slightly, into a gap between splats wider than float32's error.
@@ -44,8 +44,8 @@ def perpendicular_axes(unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def smallest_axis(view: GridView, z: np.ndarray) -> np.ndarray:
-    """Antialiasing's smallest half axis at depth z [N]: a pixel's side; 0 without antialiasing.  [M98 Eq. 3]"""
-    return view.pixel_side(np.maximum(z, 0.0)) if view.antialias else np.zeros(np.shape(z))
+    """Antialiasing's smallest half axis p at depth z [N]; 0 without antialiasing.  [M98 Eq. 3]"""
+    return view.filter_side(np.maximum(z, 0.0)) if view.antialias else np.zeros(np.shape(z))
 
 
 def voxel_ellipse(eye_from_index: np.ndarray, e1: np.ndarray, e2: np.ndarray) -> Ellipse:
@@ -108,7 +108,7 @@ class GridView:
     """A grid seen by a camera. eye_from_index [3, 3]: A. pitch: a pixel's side at depth 1, or everywhere.
 
     eye_index [3]: the eye in grid indices. size: pixels along x and y. antialias: whether widths below p are widened.
-    beyond: depths from which σ_1 and σ_2 are widened; None: from where p is wider.
+    beyond: depths from which σ_1 and σ_2 are widened; None: from where p is wider. blur: p in pixels.
     """
 
     kernel: Kernel
@@ -119,6 +119,7 @@ class GridView:
     perspective: bool
     antialias: bool
     beyond: tuple[float, float] | None = None
+    blur: float = 1.0
 
     @classmethod
     def of(
@@ -127,14 +128,14 @@ class GridView:
         camera: Camera,
         kernel: Kernel,
         antialias: bool = True,
-        beyond: tuple[float, float] | None = None,
+        blur: float = 1.0,
     ) -> GridView:
         """The view of `grid` by `camera`; lengths in the grid's mean spacing."""
         spacing = grid.mean_spacing
         pitch = camera.extent / camera.size[1] / (1.0 if camera.perspective else spacing)
         a = eye_from_index(grid, camera)
         eye = grid.index_from_world(camera.eye)
-        return cls(kernel, a, eye, pitch, camera.size, camera.perspective, antialias, beyond)
+        return cls(kernel, a, eye, pitch, camera.size, camera.perspective, antialias, blur=blur)
 
     def voxels(self, positions: np.ndarray) -> np.ndarray:
         """Centres v [3, N] of splats at grid positions [N, 3]."""
@@ -186,9 +187,9 @@ class GridView:
         if not self.antialias:
             return np.inf, np.inf
         if not self.perspective:
-            first, second = (-np.inf if self.pitch > width else np.inf for width in self.widths)
+            first, second = (-np.inf if self.filter_pitch > width else np.inf for width in self.widths)
             return first, second
-        first, second = (max(float(width) / self.pitch, WIDEN_BEYOND * self.reach) for width in self.widths)
+        first, second = (max(float(width) / self.filter_pitch, WIDEN_BEYOND * self.reach) for width in self.widths)
         return self.beyond or (first, second)
 
     def widened(self, z: np.ndarray) -> np.ndarray:
@@ -203,9 +204,18 @@ class GridView:
         """A pixel's side p at depth z [...]."""
         return self.pitch * np.asarray(z) if self.perspective else np.full(np.shape(z), self.pitch)
 
+    @property
+    def filter_pitch(self) -> float:
+        """p at depth 1, or everywhere: the half width of antialiasing's low-pass  [M98 §6]."""
+        return self.blur * self.pitch
+
+    def filter_side(self, z: np.ndarray) -> np.ndarray:
+        """p at depth z [...], below which no half width is."""
+        return self.blur * self.pixel_side(z)
+
     def shrink(self, z: np.ndarray) -> np.ndarray:
         """[2, ...]: min(1, σ_i/p), the factors on offsets along the axes at the voxel's depth."""
-        widened, p = self.widened(z), self.pixel_side(z)
+        widened, p = self.widened(z), self.filter_side(z)
         some = widened.any(axis=0)
         widths = [np.minimum(width / np.where(some, p, 1.0), 1.0) for width in self.widths]
         return np.where(widened, np.stack(widths), 1.0)
@@ -255,5 +265,5 @@ def _find_gap(splats: Splats, view: GridView, depth: float) -> tuple[float, bool
 
 def _jump(view: GridView, depth: float) -> float:
     """Relative change of a splat where widening begins: the first-order term, else 1."""
-    at_a_pixel = depth <= float(view.widths[1]) / view.pitch * (1 + FURTHEST)
+    at_a_pixel = depth <= float(view.widths[1]) / view.filter_pitch * (1 + FURTHEST)
     return min(view.reach * view.kernel.radius / depth, 1.0) if at_a_pixel else 1.0

@@ -280,7 +280,7 @@ def _show_zk(state: State, document: Document) -> State:
     if not state.show_zk and not camera.perspective:
         message = "z_k: every voxel is as wide as any other in an orthographic view"
     elif not state.show_zk:
-        z_k = camera.z_k(min(document.volume.spacing))
+        z_k = camera.z_k(min(document.volume.spacing) / state.settings.filter_width)
         if z_k > camera.eye_from_points(document.volume.corners)[:, 2].max():
             message = f"z_k = {z_k:.4g}: all voxels are nearer, so that none is stretched; zoom out to see it"
     return replace(state, show_zk=not state.show_zk, message=message)
