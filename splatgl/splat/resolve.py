@@ -80,12 +80,11 @@ class Resolved:
 
     averaged: whether pixels are means of samples with the end correction of resolve.frag. allowed: largest end
     correction of one sample with which a tile takes no more; 0: all take samples × samples. camera, view: at samples ×
-    samples a pixel. z_k: depth at which the smallest voxel is as wide as the low-pass, one
-    sample by default [M98 Eq. 3]. depths: nearest and farthest
-    depth of the box of all splats. unsure: see view.py. background: linear RGB; None: transparent. notes: omitted steps
-    with reasons, a line each. sheets: None: splats composite one by one. clip, mask: planes and mask that clip rays.
-    cues: light that reaches matter; None: all light. mip_attenuation: per reference length. display: whether display
-    values are mixed.
+    samples a pixel. z_k: depth at which the smallest voxel is as wide as the low-pass, by default one sample
+    [M98 Eq. 3]. depths: nearest and farthest depth of the box of all splats. unsure: see view.py. background: linear
+    RGB; None: transparent. notes: omitted steps with reasons, a line each. sheets: None: splats composite one by one.
+    clip, mask: planes and mask that clip rays. cues: light that reaches matter; None: all light. mip_attenuation: per
+    reference length. display: whether display values are mixed.
     """
 
     look: Appearance

@@ -14,18 +14,8 @@ from splatgl.splat.settings import Settings
 # settings of splats, which meshes alone do not need
 OF_SPLATS = (
     *("mip_attenuation", "kernel", "classification", "compositing", "sheets", "steps", "samples", "align", "z_s"),
-    *(
-        "attenuation",
-        "blur_width",
-        "footprint",
-        "table_size",
-        "table_bits",
-        "target",
-        "technique",
-        "order",
-        "occlusion",
-    ),
-    "ambient_occlusion",
+    *("attenuation", "footprint", "table_size", "table_bits", "target", "technique", "order", "occlusion"),
+    *("blur_width", "ambient_occlusion"),
 )
 LIGHT = ("light", "light_from", "ambient", "diffuse", "specular")
 # settings of moving pictures; moments are the default of an earlier version, paper of `Settings.paper`

@@ -214,6 +214,8 @@ def settings_of(rng: Random) -> sg.Settings:
         changes |= {"compositing": "sheets", "sheets": int(rng.integers(2, 5)), "target": "rgba32f", "order": "auto"}
         changes |= {"align": "auto", "blend": "composite"}
         changes["attenuation"] = one_of("fill", "optical-depth")
+    if rng.random() < 0.3:
+        changes["blur_width"] = float(rng.choice([0.25, 0.5, 2.0, 4.0]))
     return sg.Settings(**changes)  # type: ignore[arg-type]
 
 
@@ -224,7 +226,7 @@ def case(seed: int) -> Case:
     view = str(rng.choice(list(CAMERAS)))
     camera = CAMERAS[view](rng, splats)
     settings = settings_of(rng)
-    names = ("blend", "kernel", "antialias", "target", "align", "technique", "compositing")
+    names = ("blend", "kernel", "antialias", "blur_width", "target", "align", "technique", "compositing")
     changed = {f: getattr(settings, f) for f in names}
     return Case(splats, camera, settings, f"{made}, {view} {camera.size}, " + " ".join(map(str, changed.values())))
 

@@ -19,6 +19,9 @@ SEEDS = 30
 # forms of other rows around the eye, 8 bits that cut off what is over 1, terms far beyond the rim of a long voxel
 BROKE = (2656, 2626, 1573, 1905, 1029, 1132, 1367, 68, 10631)
 
+# 64² pixels of 1.5 voxels at the origin
+SAMPLED = sg.Camera.look_at((0, 0, -300.0), (0.13, 0.21, 0), (0, -1, 0), 2 * np.degrees(np.arctan(0.16)), (64, 64))
+
 
 def off(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings) -> tuple[float, float]:
     """(error, bound) of a picture that is not held against a finer one."""
@@ -67,6 +70,59 @@ def test_voxels_at_z_k_are_widened_alike(renderer: sg.Renderer, grid: str, chang
         camera = error_bound.at_z_k(rng, splats)
         error, limit = off(renderer, splats, camera, SPLATS.but(**changes))
         assert error <= limit, n
+
+
+# of the low-pass in pixels; every shape that widens voxels
+WIDTHS = (0.5, 2.0)
+SHAPES: dict[str, dict[str, str]] = {
+    "tiles": {"technique": "tiles"},
+    "quads": {"technique": "quads", "blend": "xray"},
+    "maxima": {"blend": "mip"},
+    "opacity": {"attenuation": "opacity"},
+    "optical depth": {"attenuation": "optical-depth"},
+    "sheets": {"compositing": "sheets"},
+    "sheets of quads": {"compositing": "sheets", "technique": "quads"},
+    "table 1": {"align": "hybrid"},
+    "grid": {"align": "grid"},
+}
+
+
+@pytest.mark.few(9)
+@pytest.mark.parametrize("grid", GRIDS)
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("width", WIDTHS)
+def test_the_width_of_the_blur_counts_in_pixels(renderer: sg.Renderer, shape: str, grid: str, width: float) -> None:
+    """Right; and every third pixel of a picture three times as large, whose low-pass is three times as wide."""
+    splats, settings = noise(grid, size=7), SPLATS.but(blur_width=width, tolerance=1e-4, **SHAPES[shape])
+    if "compositing" in SHAPES[shape]:
+        settings = settings.but(sheets=3)
+    if shape == "table 1":
+        settings = settings.but(z_s=0.0)
+    for view in ("far", "parallel, far"):
+        camera = views(splats)[view]
+        error, limit = off(renderer, splats, camera, settings)
+        assert error <= limit, view
+        wide, high = camera.size
+        small = renderer.render(splats, camera, settings).pixels
+        if width * 3 <= 4:
+            large = renderer.render(splats, camera.resized((3 * wide, 3 * high)), settings.but(blur_width=3 * width))
+            assert np.abs(large.pixels[1::3, 1::3] - small).max() <= 2e-3 * max(1.0, float(small.max())), view
+        assert np.abs(renderer.render(splats, camera, settings.but(blur_width=1.0)).pixels - small).max() > 0.01, view
+
+
+def test_a_wider_blur_aliases_less_and_keeps_energy(renderer: sg.Renderer) -> None:
+    """Sums of a lone splat and of noise, in a picture of 4 × 4 samples a pixel: energy above half a cycle a pixel."""
+    energy, sums = [], []
+    for splats in (noise(size=9), sg.Splats.from_points(np.zeros((1, 3)), np.ones((1, 3)), np.ones(1))):
+        for width in (1.0, 2.0, 4.0):
+            pixels = renderer.render(splats, SAMPLED, SPLATS.but(blend="xray", blur_width=width)).pixels[..., 3]
+            fast = np.abs(np.fft.fftfreq(64)) > 1 / 8
+            energy.append(float((np.abs(np.fft.fft2(pixels)) ** 2)[fast[:, None] | fast].sum()))
+            sums.append(float(pixels.sum(dtype=np.float64)))
+    for many in (energy[:3], energy[3:]):
+        assert many[0] > 3 * many[1] > 9 * many[2]
+    for many in (sums[:3], sums[3:]):
+        assert np.ptp(many) < 2e-3 * many[0]
 
 
 def test_no_splat_is_near_the_depth_where_widening_begins() -> None:

@@ -36,6 +36,7 @@ def letter() -> sg.Splats:
         ({"table_bits": 12}, "table_bits: expected 8, 16 or 32"),
         ({"tolerance": 0}, "tolerance: expected a number in"),
         ({"z_s": -1}, "z_s: expected a depth"),
+        ({"blur_width": 0.2}, "blur_width: expected a width from 0.25 to 4 pixels"),
         ({"background": (1, 2, 3)}, "background: expected three linear numbers"),
         ({"table_size": 1}, "table_size: expected a whole number"),
     ],

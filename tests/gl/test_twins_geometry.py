@@ -114,9 +114,10 @@ def seen(grid: str, name: str, **change: object) -> tuple[sg.Splats, GridView, P
 
 
 @pytest.mark.few(8)
+@pytest.mark.parametrize("blur_width", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize(("grid", "name"), CASES)
-def test_a_voxel_across_the_view(grid: str, name: str, twin: Twin, rng: np.random.Generator) -> None:
-    splats, view, plan = seen(grid, name, blend="xray")
+def test_a_voxel_across_the_view(grid: str, name: str, blur_width: float, twin: Twin, rng: np.random.Generator) -> None:
+    splats, view, plan = seen(grid, name, blend="xray", blur_width=blur_width)
     v = some_voxels(rng, view, splats)
     for expression, right in (
         ("result.xyz = eye_from_index() * v", view.eye_from_index @ v),

@@ -50,6 +50,24 @@ def test_only_what_changes_the_picture_is_on(splats: sg.Splats) -> None:
     assert not xray.look.shading and "xray" in xray.notes[-1]
 
 
+def test_the_blur_moves_z_k(splats: sg.Splats) -> None:
+    pixel = Resolved.of(splats, camera(FAR), SPLATS)
+    for blur_width in (0.25, 0.5, 2.0):
+        found = Resolved.of(splats, camera(FAR), SPLATS.but(blur_width=blur_width))
+        assert found.z_k == pytest.approx(pixel.z_k / blur_width, rel=1e-12)
+        assert found.view.blur == blur_width
+        # a narrower low-pass aliases
+        assert found.info(splats, camera(FAR))["aliased"] == (blur_width < 1)
+        # samples are of one pixel's width
+        for antialias in ("auto", "supersample", "off"):
+            settings = SPLATS.but(antialias=antialias)
+            same, right = (Resolved.of(splats, camera(FAR), s) for s in (settings.but(blur_width=blur_width), settings))
+            assert (same.z_k, same.view.blur) == (right.z_k, 1.0)
+    # splats before z_k that a wider low-pass stretches
+    assert Resolved.of(splats, camera(NEAR), SPLATS.but(blur_width=2)).view.antialias
+    assert not Resolved.of(splats, camera(NEAR), SPLATS).view.antialias
+
+
 def test_samples_are_the_fine_cameras_pixels(splats: sg.Splats) -> None:
     found = Resolved.of(splats, camera(FAR), SPLATS.but(antialias="supersample", samples=3))
     assert found.camera.size == (72, 48)
