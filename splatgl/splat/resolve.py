@@ -118,7 +118,7 @@ class Resolved:
         """The view's kernel."""
         return self.view.kernel
 
-    def _is_fine(self, splats: Splats) -> bool:
+    def is_fine(self, splats: Splats) -> bool:
         """Whether voxels of the farthest splats are narrower than a sample."""
         return self.depths[1] > self.camera.z_k(splats.grid.smallest_spacing)
 
@@ -142,7 +142,7 @@ class Resolved:
             "antialias": self.view.antialias,
             "samples": self.samples,
             "averaged": self.averaged,
-            "aliased": not self.averaged and (not self.view.antialias or self.view.blur < 1) and self._is_fine(splats),
+            "aliased": not self.averaged and (not self.view.antialias or self.view.blur < 1) and self.is_fine(splats),
             "classification": "post" if self.look.steps else "pre",
             "sheets": self.look.sheets,
             "steps": self.look.steps,

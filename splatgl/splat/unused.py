@@ -88,7 +88,9 @@ NEEDS: tuple[tuple[tuple[str, ...], Callable[[Use], bool], str], ...] = (
     ),
     (
         ("blur_width",),
-        lambda use: use.given.antialias == "paper" and use.plan.view.antialias,
+        lambda use: (
+            use.given.antialias == "paper" and (use.plan.view.antialias or use.plan.resolved.is_fine(use.plan.splats))
+        ),
         "antialias is not paper, or every splat is nearer than z_k",
     ),
     (("target",), lambda use: use.given.target in ("auto", use.plan.target), "sums of optical depth exceed 8 bits"),

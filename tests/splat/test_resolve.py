@@ -8,6 +8,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.splat.resolve import Resolved, depth_range
+from splatgl.splat.unused import unused_settings
 from tests.helpers.splatting import SPLATS
 
 # distances of the eye from a ball of 5 voxels, world units: no voxel is smaller than a pixel, and all are
@@ -66,6 +67,12 @@ def test_the_blur_moves_z_k(splats: sg.Splats) -> None:
     # splats before z_k that a wider low-pass stretches
     assert Resolved.of(splats, camera(NEAR), SPLATS.but(blur_width=2)).view.antialias
     assert not Resolved.of(splats, camera(NEAR), SPLATS).view.antialias
+    # a narrower one leaves them as they are, which is another picture, too
+    sharp = SPLATS.but(blur_width=0.25)
+    plans = [sg.plan(splats, camera(distance), sharp) for distance in (NEAR, 2 * NEAR)]
+    assert not any(plan.view.antialias for plan in plans)
+    near, far = (any("blur_width" in note for note in unused_settings([plan], sharp)) for plan in plans)
+    assert near and not far
 
 
 def test_samples_are_the_fine_cameras_pixels(splats: sg.Splats) -> None:
