@@ -225,11 +225,10 @@ class ScreenBounds:
 def screen_bounds(box: np.ndarray, view: GridView) -> ScreenBounds:
     """Screen bounds of all splats in a box; the whole picture if the eye is near. box [8, 3]: corners, grid indices."""
     corners, size = view.voxels(box), view.size
-    steps = view.eye_from_index * view.kernel.radius
+    # reaches of kernels, and of widened ones in pixels
+    steps, widest = view.eye_from_index * view.kernel.radius, STRETCHED * view.kernel.radius * view.blur
     if not view.perspective:
-        half = max(
-            float(np.linalg.norm(steps[:2], axis=1).max()) / view.pitch, STRETCHED * view.kernel.radius * view.blur
-        )
+        half = max(float(np.linalg.norm(steps[:2], axis=1).max()) / view.pitch, widest)
         return ScreenBounds(_window(corners[:2].T / view.pitch, half, size), float(corners[2].mean()))
     # the kernel's reach in depth, and the nearest centre
     deep, nearest = float(np.linalg.norm(steps[2])), float(corners[2].min())
@@ -240,8 +239,7 @@ def screen_bounds(box: np.ndarray, view: GridView) -> ScreenBounds:
     across = steps[:2]
     furthest = np.array([_furthest(nearest, edge, s, steps[2]) for edge, s in zip(view.edge, across, strict=True)])
     sides = [_sides(nearest, slope, step, steps[2]) for slope, step in zip(furthest, across, strict=True)]
-    stretched = STRETCHED * view.kernel.radius * view.blur * (1 + float(np.hypot(*furthest)))
-    half = max(max(max(side) for side in sides) / view.pitch, stretched)
+    half = max(max(max(side) for side in sides) / view.pitch, widest * (1 + float(np.hypot(*furthest))))
     return ScreenBounds(_window((corners[:2] / corners[2]).T / view.pitch, half, size), middle)
 
 

@@ -73,7 +73,7 @@ def test_voxels_at_z_k_are_widened_alike(renderer: sg.Renderer, grid: str, chang
 
 
 # of the low-pass in pixels; every shape that widens voxels
-WIDTHS = (0.5, 2.0)
+WIDTHS = (0.5, 4.0)
 SHAPES: dict[str, dict[str, str]] = {
     "tiles": {"technique": "tiles"},
     "quads": {"technique": "quads", "blend": "xray"},
