@@ -28,30 +28,40 @@ def single(grid: str, rng: np.random.Generator) -> sg.Splats:
     )
 
 
+def slack_of(grid: str, parallel: bool, n: int, fov: float, settings: sg.Settings) -> int:
+    """Pixels by which the window of a splat anywhere in the picture is larger than what the reference reaches."""
+    rng = np.random.default_rng(n)
+    splats = single(grid, rng)
+    middle = splats.corners.mean(axis=0)
+    # so far off that depth hardly changes over the splat
+    towards, across = np.linalg.qr(rng.normal(size=(3, 3)))[0][:2]
+    eye = middle - 300 * splats.grid.mean_spacing * towards
+    target = middle + rng.uniform(-0.5, 0.5) * fov * splats.grid.mean_spacing * across
+    camera = sg.Camera.look_at(eye, target, rng.normal(size=3), fov, (500, 400))
+    camera = camera.parallel(splats) if parallel else camera
+    window = sg.plan(splats, camera, settings).window
+    view = GridView.of(splats.grid, camera, kernel("crawfis-max"), blur=settings.blur_width)
+    box = pixel_boxes(view, "row1", view.voxels(splats.positions), camera)
+    reached = (int(box.left[0]), int(box.right[0]), int(box.top[0]), int(box.bottom[0]))
+    assert window.x <= reached[0] and reached[1] <= window.x + window.width
+    assert window.y <= reached[2] and reached[3] <= window.y + window.height
+    return min(window.width - (reached[1] - reached[0]), window.height - (reached[3] - reached[2]))
+
+
 @pytest.mark.parametrize("parallel", [False, True])
 @pytest.mark.parametrize("grid", GRIDS)
 def test_the_window_holds_all_that_the_reference_reaches(grid: str, parallel: bool) -> None:
     """Of single splats a hundred pixels wide, anywhere in the picture: the window is hardly larger."""
-    slack = []
-    for n in range(20):
-        rng = np.random.default_rng(n)
-        splats = single(grid, rng)
-        middle = splats.corners.mean(axis=0)
-        # so far off that depth hardly changes over the splat
-        towards, across = np.linalg.qr(rng.normal(size=(3, 3)))[0][:2]
-        eye = middle - 300 * splats.grid.mean_spacing * towards
-        target = middle + rng.uniform(-0.5, 0.5) * splats.grid.mean_spacing * across
-        camera = sg.Camera.look_at(eye, target, rng.normal(size=3), 1.0, (500, 400))
-        camera = camera.parallel(splats) if parallel else camera
-        window = sg.plan(splats, camera, SPLATS).window
-        view = GridView.of(splats.grid, camera, kernel("crawfis-max"))
-        box = pixel_boxes(view, "row1", view.voxels(splats.positions), camera)
-        reached = (int(box.left[0]), int(box.right[0]), int(box.top[0]), int(box.bottom[0]))
-        assert window.x <= reached[0] and reached[1] <= window.x + window.width
-        assert window.y <= reached[2] and reached[3] <= window.y + window.height
-        slack.append(min(window.width - (reached[1] - reached[0]), window.height - (reached[3] - reached[2])))
+    slack = [slack_of(grid, parallel, n, 1.0, SPLATS) for n in range(20)]
     # rounding's margin and no more, so that any smaller one would cut
     assert min(slack) <= 8
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+@pytest.mark.parametrize("grid", GRIDS)
+def test_the_window_holds_splats_of_several_pixels_blur(grid: str, parallel: bool) -> None:
+    for n in range(20):
+        slack_of(grid, parallel, n, 40.0, SPLATS.but(blur_width=4.0))
 
 
 @pytest.mark.parametrize("grid", GRIDS)
