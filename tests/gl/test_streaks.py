@@ -108,6 +108,7 @@ def test_every_form_is_its_twin(renderer: sg.Renderer, spacing: str, changes: di
     {"motion": "exact", "blend": "xray"},
     {"motion": "energy"},
     {"motion": "paper", "attenuation": "opacity"},
+    {"motion": "energy", "blur_width": 2.0},
 ], ids=str)  # fmt: skip
 def test_streaks_on_the_quads_of_rows_4_and_5(renderer: sg.Renderer, spacing: str, align: str, changes: dict) -> None:
     """A footprint on a quad is cut in half and stretched along its path there; hybrid splats change planes at z_s."""
