@@ -831,6 +831,7 @@ def test_scenes_survive_their_file(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     np.save(tmp_path / "data" / 'a "b"\\c\tä.npy', np.zeros((2, 2, 2)))
     settings = sg.Settings(blend="mip", tolerance=0.01, background=(0.1, 0.2, 1 / 3), z_s=1e-30, align="hybrid")
+    settings = settings.but(antialias="paper", blur_width=2.5)
     scenes = [
         SceneFile("tunnel"),
         SceneFile(str(tmp_path / "data" / 'a "b"\\c\tä.npy'), settings=settings, threshold=1 / 3),
