@@ -141,9 +141,9 @@ class Animation:
     hold: int = 1
     flow: float | None = None
     bits: int = 8
-    only: Matter | None = None
+    only: FrameSubject | None = None
     bands: int = 0
-    over: Over | None = None
+    over: FrameAnnotations | None = None
 
     @classmethod
     def of(
@@ -183,7 +183,7 @@ class Animation:
         if last >= count:
             raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
         times = tuple(map(scene.volume.time_text, range(scene.volume.times))) if scene.volume.times > 1 else ()
-        over = Over(names, scene.annotated_subject, scene.legend[1], times) if names else None
+        over = FrameAnnotations(names, scene.annotated_subject, scene.legend[1], times) if names else None
         only = None if series else only
         numbers = range(first, last + 1)
         return cls(scenes, scene.transfer, track, count, numbers, timeline.hold, timeline.flow, bits, only, bands, over)
@@ -233,11 +233,11 @@ class Animation:
                     frames.write(n, data)
                     progress(next(done), len(todo))
 
-    def work(self, frames: Frames) -> Work:
+    def work(self, frames: Frames) -> FrameJob:
         """The data that all frames share, without the scale of X-ray frames."""
         settings = self.scenes[0].settings
         settings = replace(settings, moments=settings.moments or self.steady)
-        return Work(self.scenes, settings, frames, self.flow, self.bits, bands=self.bands, over=self.over)
+        return FrameJob(self.scenes, settings, frames, self.flow, self.bits, bands=self.bands, over=self.over)
 
     def view(self, frame: int) -> FrameView:
         """The number, volume, camera and motion of a frame."""
@@ -263,7 +263,7 @@ class Animation:
         for axis in {order_for(splats, self.track.camera(n)).axis for n in some}:
             splats.lattice(axis)
 
-    def _read(self, work: Work, number: int) -> Matter:
+    def _read(self, work: FrameJob, number: int) -> FrameSubject:
         """Reads the subject of frames of one volume."""
         return self.only if self.only is not None and self.flow is None else work.matter(number)
 
@@ -286,7 +286,7 @@ def _sharp_unless_asked(settings: Settings, timeline: Timeline) -> Settings:
     return settings if settings.motion != "auto" or asked else settings.but(motion="off")
 
 
-def _matter(scene: OpenScene, flow: float | None, is_step: bool) -> Matter:
+def _matter(scene: OpenScene, flow: float | None, is_step: bool) -> FrameSubject:
     """The subject of frames of one volume. Raises InputError if nothing is visible, unless it is a step of a series."""
     if not scene.is_single:
         if flow is not None:
@@ -294,7 +294,7 @@ def _matter(scene: OpenScene, flow: float | None, is_step: bool) -> Matter:
         scene.check_fits()
     if not (is_step or scene.has_matter):
         raise scene.nothing_visible()
-    return Matter(scene.subject, scene.settings.clip, scene.transfer)
+    return FrameSubject(scene.subject, scene.settings.clip, scene.transfer)
 
 
 def _track(scene: OpenScene, subject: Bounded, timeline: Timeline, series: int) -> tuple[Track, int]:
@@ -347,7 +347,7 @@ HEADROOM = 1.05
 
 
 @dataclass(frozen=True, eq=False)
-class Matter:
+class FrameSubject:
     """The subject of frames of one volume: splats, layers, or a volume in bricks. clip: planes of the settings; layers
     have their own planes. transfer: of the first layer. flow: velocities of splats.
     """
@@ -369,7 +369,7 @@ class FrameView:
 
 
 @dataclass(frozen=True, eq=False)
-class Over:
+class FrameAnnotations:
     """Annotations of all frames. names, subject, transfer: as of `annotated`. times: of the file's time points."""
 
     names: tuple[str, ...]
@@ -384,7 +384,7 @@ class Over:
 
 
 @dataclass(frozen=True, eq=False)
-class Work:
+class FrameJob:
     """Data that all frames share, without splats: each process extracts them. scenes: one for each volume. settings:
     with the moments of all frames. flow: displacement along vectors per frame. top: common scale of X-ray frames.
     bands: as of Animation. over: annotations.
@@ -397,21 +397,21 @@ class Work:
     bits: int
     top: float | None = None
     bands: int = 0
-    over: Over | None = None
+    over: FrameAnnotations | None = None
 
-    def matter(self, number: int) -> Matter:
+    def matter(self, number: int) -> FrameSubject:
         """Reads the subject of frames of one volume."""
         file = self.scenes[number]
         volume = cut_volume(file.open(), file.scissors)
         transfer = file.transfer_for(volume).on(volume)
         if self.bands:
-            return Matter(required_bricks(volume, transfer, self.settings), self.settings.clip, transfer)
+            return FrameSubject(required_bricks(volume, transfer, self.settings), self.settings.clip, transfer)
         scene = OpenScene(file, volume, transfer, is_moving=file.settings.shutter > 0)
         flow = flow_of(scene.splats, volume, self.flow) if self.flow is not None and scene.is_single else None
-        return Matter(scene.subject, scene.settings.clip, transfer, flow)
+        return FrameSubject(scene.subject, scene.settings.clip, transfer, flow)
 
     def _render(
-        self, renderer: Renderer, matter: Matter, camera: Camera, settings: Settings, motion: Motion | None = None
+        self, renderer: Renderer, matter: FrameSubject, camera: Camera, settings: Settings, motion: Motion | None = None
     ) -> Image:
         """The picture of a frame, with motion blur as the settings say."""
         if isinstance(matter.subject, Bricks):
@@ -420,7 +420,9 @@ class Work:
             return render_moving_bricks(renderer, matter.subject, camera, settings, motion, self.bands)
         return renderer.render(matter.subject, camera, replace(settings, clip=matter.clip), motion)
 
-    def frame(self, renderer: Renderer, matter: Matter, view: FrameView, explain: bool) -> tuple[bytes, list[str]]:
+    def frame(
+        self, renderer: Renderer, matter: FrameSubject, view: FrameView, explain: bool
+    ) -> tuple[bytes, list[str]]:
         """The file of a frame, and notes on settings that do not change it. explain: prints its plan."""
         settings = without_background(self.settings, self.over.names if self.over else ())
         motion = view.motion if matter.flow is None else view.motion and replace(view.motion, flow=matter.flow)
@@ -446,7 +448,7 @@ class Work:
         return self.frames.encoded(view.frame, image, self.bits, ground), notes
 
     def brightest(
-        self, renderer: Renderer, probes: Sequence[tuple[int, Camera]], read: Callable[[int], Matter]
+        self, renderer: Renderer, probes: Sequence[tuple[int, Camera]], read: Callable[[int], FrameSubject]
     ) -> float:
         """Common scale of all X-ray frames, from still pictures of probes. read: returns a volume's subject."""
         top, still, latest = 0.0, self.scenes[0].settings, -1
@@ -589,12 +591,12 @@ def draw_frames(
             progress(done, len(todo))
 
 
-def _frame(work: Work, drawing: Drawing, view: FrameView) -> tuple[int, bytes, list[str]]:
+def _frame(work: FrameJob, drawing: Drawing, view: FrameView) -> tuple[int, bytes, list[str]]:
     """On a worker: a frame's number, its file and notes."""
     matter = keep_latest((work.frames.mark, view.volume), lambda: work.matter(view.volume))
     return view.frame, *work.frame(renderer(drawing), matter, view, explain=False)
 
 
-def _brightest(work: Work, drawing: Drawing, probes: list[tuple[int, Camera]]) -> float:
+def _brightest(work: FrameJob, drawing: Drawing, probes: list[tuple[int, Camera]]) -> float:
     """On a worker: the common scale of X-ray frames."""
     return work.brightest(renderer(drawing), probes, work.matter)

@@ -32,7 +32,7 @@ ALONE = {"depth": "--depth", "ref": "--ref"}
 
 
 @dataclass(frozen=True)
-class Same:
+class SharedView:
     """The camera that all pictures share, its frame and unit, and the length of their opacities; None of points."""
 
     camera: Camera
@@ -40,7 +40,7 @@ class Same:
     length: float | None
 
     @classmethod
-    def of(cls, scene: OpenScene) -> Same:
+    def of(cls, scene: OpenScene) -> SharedView:
         """The view and length of the first picture."""
         length = None if scene.volume.points is not None else scene.transfer.length(scene.volume)
         return cls(scene.camera, scene.volume.world, length)
@@ -56,12 +56,12 @@ class Same:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class BatchPicture:
     """A picture that is written. text: to print of it. same: None unless it is asked for."""
 
     data: bytes
     text: str
-    same: Same | None
+    same: SharedView | None
 
 
 def run_batch(args: argparse.Namespace) -> int:
@@ -74,7 +74,7 @@ def run_batch(args: argparse.Namespace) -> int:
         job.look = look
     failed = 0
     for job, drawn in _on_workers(args, jobs, by) if by.are_used else _here(args, jobs):
-        if isinstance(drawn, Drawn):
+        if isinstance(drawn, BatchPicture):
             try:
                 write_file(Path(job.output), drawn.data)
             except InputError as error:
@@ -149,20 +149,20 @@ def _tell_error(job: argparse.Namespace, message: str) -> None:
         print(f"splatgl: {text}", file=sys.stderr)
 
 
-def _here(args: argparse.Namespace, jobs: Sequence[argparse.Namespace]) -> Iterator[tuple[Any, Drawn | str]]:
+def _here(args: argparse.Namespace, jobs: Sequence[argparse.Namespace]) -> Iterator[tuple[Any, BatchPicture | str]]:
     """Yields each job with its picture or its error, drawn in this process."""
-    same: Same | None = None
+    same: SharedView | None = None
     how = record_of(args, DrawOptions)
     with how.renderer() as renderer:
         for job in jobs:
             drawn = draw_job(job, replace(how, held=renderer), same)
-            same = same or (drawn.same if isinstance(drawn, Drawn) else None)
+            same = same or (drawn.same if isinstance(drawn, BatchPicture) else None)
             yield job, drawn
 
 
 def _on_workers(
     args: argparse.Namespace, jobs: list[argparse.Namespace], by: WorkerOptions
-) -> Iterator[tuple[Any, Drawn | str]]:
+) -> Iterator[tuple[Any, BatchPicture | str]]:
     """Yields each job with its picture or its error, drawn by workers; with --same those up to the first picture are
     drawn in this process.
     """
@@ -171,11 +171,11 @@ def _on_workers(
 
     require_built_in(args.kernel or "auto")
     record_of(args, DrawOptions).check_supported("workers", "pictures that are drawn by this process", "--workers")
-    same: Same | None = None
+    same: SharedView | None = None
     rest = list(jobs)
     while args.same and rest and same is None:
         (result,) = _here(args, [rest.pop(0)])
-        same = result[1].same if isinstance(result[1], Drawn) else None
+        same = result[1].same if isinstance(result[1], BatchPicture) else None
         yield result
     places = {str(number): job for number, job in enumerate(rest)}
     with by.connected(None if args.quiet or args.json else print) as client:
@@ -197,7 +197,7 @@ def _plain(job: argparse.Namespace) -> dict[str, Any]:
     return {**vars(job), "run": None, "source": str(Path(job.source).absolute()) if is_moved else job.source}
 
 
-def _draw_on_worker(arguments: dict[str, Any], drawing: Drawing, same: Same | None) -> Drawn | str:
+def _draw_on_worker(arguments: dict[str, Any], drawing: Drawing, same: SharedView | None) -> BatchPicture | str:
     """Draws a job on a worker, with its renderer."""
     from splatgl.distributed.worker import renderer
 
@@ -205,7 +205,7 @@ def _draw_on_worker(arguments: dict[str, Any], drawing: Drawing, same: Same | No
     return draw_job(job, replace(record_of(job, DrawOptions), held=renderer(drawing)), same)
 
 
-def draw_job(job: argparse.Namespace, how: DrawOptions, same: Same | None) -> Drawn | str:
+def draw_job(job: argparse.Namespace, how: DrawOptions, same: SharedView | None) -> BatchPicture | str:
     """The picture of a job, or its error. same: what an earlier picture shares with it."""
     output, is_quiet = Path(job.output), job.quiet or job.json
     try:
@@ -213,6 +213,8 @@ def draw_job(job: argparse.Namespace, how: DrawOptions, same: Same | None) -> Dr
         scene = OpenScene.read(file, is_quiet) if same is None else same.read(file, is_quiet)
         image = draw(scene, how).with_accuracy()
         data = image.encoded(output, job.bits)
-        return Drawn(data, report(job, image, scene), Same.of(scene) if job.same and same is None else None)
+        return BatchPicture(
+            data, report(job, image, scene), SharedView.of(scene) if job.same and same is None else None
+        )
     except USER_ERRORS as error:
         return error_text(error)

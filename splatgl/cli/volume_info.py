@@ -38,7 +38,7 @@ _EIGHTHS = " ▏▎▍▌▋▊▉"
 
 
 @dataclass(frozen=True)
-class Statistics:
+class SampleStatistics:
     """Minimum, maximum and mean of the finite samples; counts of finite and other samples. NaN if none is finite."""
 
     low: float
@@ -121,7 +121,7 @@ def describe_choice(source: str, choice: Choice, message: str) -> str:
     return "\n".join(_fit(one_line(line)) for line in (Path(source).name, *lines))
 
 
-def measure(volume: Volume) -> Statistics:
+def measure(volume: Volume) -> SampleStatistics:
     """Range, mean and counts of a volume's samples."""
     low, high, total, finite = np.inf, -np.inf, 0.0, 0
     for values in _slabs(volume):
@@ -129,11 +129,11 @@ def measure(volume: Volume) -> Statistics:
             low, high = min(low, float(values.min())), max(high, float(values.max()))
             total, finite = total + float(values.sum(dtype=np.float64)), finite + values.size
     if not finite:
-        return Statistics(np.nan, np.nan, np.nan, 0, volume.count)
-    return Statistics(low, high, total / finite, finite, volume.count - finite)
+        return SampleStatistics(np.nan, np.nan, np.nan, 0, volume.count)
+    return SampleStatistics(low, high, total / finite, finite, volume.count - finite)
 
 
-def histogram(volume: Volume, statistics: Statistics) -> Histogram:
+def histogram(volume: Volume, statistics: SampleStatistics) -> Histogram:
     """Counts in at most BINS equal bins, of integer width for integer samples."""
     low, high = statistics.low, statistics.high
     if volume.samples.dtype.kind in "bui":
@@ -220,7 +220,7 @@ def _level_lines(levels: list[Volume], measured: int) -> list[str]:
     return [*lines, _line("measured", f"level {measured}: range, mean and values below")] if measured else lines
 
 
-def _sample_lines(volume: Volume, statistics: Statistics) -> list[str]:
+def _sample_lines(volume: Volume, statistics: SampleStatistics) -> list[str]:
     dtype = volume.samples.dtype
     order = ", big-endian" if dtype.byteorder == ">" else ""
     chunks = getattr(volume.samples, "chunks", None)

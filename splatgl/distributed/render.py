@@ -67,7 +67,7 @@ def _frame(subject: Subject, number: int, camera: Camera, motion: Motion | None)
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class PicturePart:
     """Window of samples, float32 [h, w, 4], at x, y of a picture of `size` (width, height) that is empty elsewhere.
 
     splats: whose first sheet is in the part.
@@ -80,7 +80,7 @@ class Part:
     splats: int
 
     @classmethod
-    def of(cls, pixels: np.ndarray, splats: int) -> Part:
+    def of(cls, pixels: np.ndarray, splats: int) -> PicturePart:
         """The window around samples that are not empty."""
         height, width, _ = pixels.shape
         some = (pixels != 0).any(axis=-1)
@@ -104,17 +104,17 @@ class Part:
         return self.within(0, 0, *self.size)
 
 
-def join_parts(how: str, near: Part, far: Part) -> Part:
+def join_parts(how: str, near: PicturePart, far: PicturePart) -> PicturePart:
     """Joins two parts. how: `join` of a blend."""
     splats = near.splats + far.splats
     if not near.pixels.size or not far.pixels.size:
         part = near if near.pixels.size else far
-        return Part(part.pixels, part.x, part.y, part.size, splats)
+        return PicturePart(part.pixels, part.x, part.y, part.size, splats)
     left, top = min(near.x, far.x), min(near.y, far.y)
     right = max(part.x + part.pixels.shape[1] for part in (near, far))
     bottom = max(part.y + part.pixels.shape[0] for part in (near, far))
     box = left, top, right - left, bottom - top
-    return Part(join_samples(how, near.within(*box), far.within(*box)), left, top, near.size, splats)
+    return PicturePart(join_samples(how, near.within(*box), far.within(*box)), left, top, near.size, splats)
 
 
 def join_samples(how: str, near: np.ndarray, far: np.ndarray) -> np.ndarray:
@@ -250,7 +250,7 @@ def _shells(job: Job, sent: Volume | None, count: int) -> tuple[str, list[Shell]
     return chosen.program.look.blend.join, bricks.shells(chosen.resolved.sheets, chosen.view, count)
 
 
-def _part(job: Job, sent: Volume | None, shell: Shell) -> Part:
+def _part(job: Job, sent: Volume | None, shell: Shell) -> PicturePart:
     """Draws a part of the picture, on a worker."""
     from splatgl.splat.bricks import estimate_need
 
@@ -260,10 +260,10 @@ def _part(job: Job, sent: Volume | None, shell: Shell) -> Part:
     bricks, bands = estimate_need(bricks, 4 * job.camera.size[0] * job.camera.size[1], most).fitted(bricks, most)
     some = bricks.within(chosen.resolved.sheets, chosen.view, shell)
     pixels = renderer(job.drawing).render_part(some, job.camera, job.settings, bands)
-    return Part.of(pixels, sum(some.found.values()))
+    return PicturePart.of(pixels, sum(some.found.values()))
 
 
-def _finished(job: Job, sent: Volume | None, part: Part, check: int | float | None) -> Image:
+def _finished(job: Job, sent: Volume | None, part: PicturePart, check: int | float | None) -> Image:
     """The picture of joined parts, on a worker."""
     from splatgl.reference.check import check_bricks
 

@@ -19,7 +19,7 @@ import splatgl as sg
 from splatgl import fileio
 from splatgl.cli.main import main
 from splatgl.distributed import cluster, connected, worker
-from splatgl.distributed.render import Part, join_parts, join_samples, render_slabs
+from splatgl.distributed.render import PicturePart, join_parts, join_samples, render_slabs
 from splatgl.splat.bricks import Bricks, bricks_of
 from splatgl.splat.settings import Settings
 from tests.helpers.bricks import ALL, PICTURES, RAMP, VIEWS, cameras, noise
@@ -45,7 +45,7 @@ def test_joining_does_not_depend_on_the_tree(how: str, rng: np.random.Generator)
     samples = [np.zeros((9, 11, 4), np.float32) for _ in range(5)]
     for each, (x, y) in zip(samples, ((0, 0), (3, 2), (6, 4), (2, 5)), strict=False):
         each[y : y + 4, x : x + 5] = rng.random((4, 5, 4)) * (1 if how in ("over", "sum") else [1, 1, 0, 0])
-    parts = [Part.of(each, n) for n, each in enumerate(samples)]
+    parts = [PicturePart.of(each, n) for n, each in enumerate(samples)]
     assert parts[2].pixels.shape == (4, 5, 4) and (parts[2].x, parts[2].y) == (6, 4) and parts[4].pixels.size == 0
     right = samples[0]
     for each in samples[1:]:
@@ -81,7 +81,7 @@ def test_parts_add_up_to_the_picture(blend: str, name: str, renderer: sg.Rendere
         some = bricks.within(sheets, chosen.view, shell)
         read += len(some.low)
         pixels = renderer.render_part(some, camera, settings)
-        parts.append(Part.of(pixels, sum(some.found.values())))
+        parts.append(PicturePart.of(pixels, sum(some.found.values())))
     # what joins three sheets reaches one sheet further to both sides of a part than their splats do
     assert read < 3.05 * len(bricks.low)
     how = chosen.program.look.blend.join
