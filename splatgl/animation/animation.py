@@ -36,7 +36,6 @@ from splatgl.splat.motion import Motion, flow_of
 from splatgl.splat.ordering import order_for
 from splatgl.splat.resolve import has_streaks
 from splatgl.splat.scene import Scene, moments_per_frame
-from splatgl.splat.scissors import cut_volume
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
@@ -127,23 +126,18 @@ class Timeline:
 
 @dataclass(frozen=True, eq=False)
 class Animation:
-    """Frames of one volume or of a series. scenes: one for each volume, in the look of the series. transfer: of the
-    first. numbers: the frames to render, of `count`; each volume is shown for `hold` frames. flow: displacement of
-    splats along vectors per frame, for motion blur only. only: the subject of a single volume. bands: number of bands
-    of rows of volumes that are drawn in bricks; 0: whole. over: annotations.
+    """Frames of one volume or of a series. job: the volumes, and how they are drawn. mark: a digest of sources,
+    rendering options and cameras. numbers: the frames to render, of `count`; each volume is shown for `hold` frames.
+    only: the subject of a single volume.
     """
 
-    scenes: list[SceneFile]
-    transfer: Transfer
+    job: FrameJob
+    mark: str
     track: Track
     count: int
     numbers: range
     hold: int = 1
-    flow: float | None = None
-    bits: int = 8
     only: FrameSubject | None = None
-    bands: int = 0
-    over: FrameAnnotations | None = None
 
     @classmethod
     def of(
@@ -152,92 +146,65 @@ class Animation:
         """The animation of scenes, whose view is that of the first volume. time: as of `time_points`."""
         if len(scenes) > 1 and isinstance(time, slice):
             raise expected("--time", "one time point of each file", "several", "animate one file, or name one point")
-        names = scenes[0].annotate
+        names, flow = scenes[0].annotate, timeline.flow
         if scenes[0].slices:
             raise expected("--slice", "none in movies", scenes[0].slices[0], "--slice-plane shows it in space")
         scenes, scene = open_series(scenes, time, is_quiet)
         settings, view = _sharp_unless_asked(scene.file.settings, timeline), scene.file.view
-        if timeline.flow is not None and settings.motion == "off" and settings.moments is None:
+        if flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
         # a turn is fitted to the part that a still is fitted to
-        part, view, cut = view.part, replace(view, part=None), scene.file.scissors
-        same: dict[str, Any] = {"settings": settings, "view": view, "scissors": cut, "world": scene.volume.world}
-        same |= {"clip": None, "crop": "", "annotate": ()}
-        scenes = [replace(x, **same) for x in scenes]
-        scene = replace(scene, file=scenes[0], is_quiet=is_quiet, is_moving=settings.shutter > 0)
-        series = len(scenes) if len(scenes) > 1 else 0
+        part, view, series = view.part, replace(view, part=None), len(scenes) if len(scenes) > 1 else 0
+        same: dict[str, Any] = {"settings": settings, "view": view, "scissors": scene.file.scissors}
+        same |= {"world": scene.volume.world, "clip": None, "crop": "", "annotate": ()}
         # opacities of all volumes refer to one length
-        scene = replace(scene, transfer=scene.transfer.on(scene.volume))
-        if series and scene.volume.points is None:
-            scenes = [x.with_transfer({"unit": scene.transfer.unit}) for x in scenes]
-            scene = replace(scene, file=scenes[0])
-        bands = _bands(scene, timeline.flow) if scene.is_single else 0
-        only = None if bands or (series and scene.is_single) else _matter(scene, timeline.flow, bool(series))
+        transfer = scene.transfer.on(scene.volume)
+        unit = {"unit": transfer.unit} if series and scene.volume.points is None else {}
+        scenes = [replace(x, **same).with_transfer(unit) for x in scenes]
+        moving = settings.shutter > 0
+        scene = replace(scene, file=scenes[0], transfer=transfer, is_quiet=is_quiet, is_moving=moving)
+        bands = _bands(scene, flow) if scene.is_single else 0
+        only = None if bands or (series and scene.is_single) else _subject(scene, flow, bool(series))
         if len(scenes) == 1:
             check_time(names)
         # what is visible at one time is not at others; version 0.3 fitted layers of a series to its first step
         is_whole = series and (scene.is_single or view.fit != FIT_OF_0_3)
-        subject = part or (replace(view, fit=FIT_ALL).framed(scene.volume, scene.fitted) if is_whole else scene.fitted)
-        track, count = _track(scene, subject, timeline, series)
+        fitted = part or (replace(view, fit=FIT_ALL).framed(scene.volume, scene.fitted) if is_whole else scene.fitted)
+        track, count = _track(scene, fitted, timeline, series)
         first, last = timeline.only or (0, count - 1)
         if last >= count:
             raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
         times = tuple(map(scene.volume.time_text, range(scene.volume.times))) if scene.volume.times > 1 else ()
         over = FrameAnnotations(names, scene.annotated_subject, scene.legend[1], times) if names else None
-        only = None if series else only
-        numbers = range(first, last + 1)
-        return cls(scenes, scene.transfer, track, count, numbers, timeline.hold, timeline.flow, bits, only, bands, over)
+        job, only = FrameJob(scenes, settings, flow, bits, bands, over), None if series else only
+        mark = _mark_of(job, transfer, track, count, timeline.hold)
+        if only is not None and flow is None and isinstance(track, Turning):
+            steady = settings.moments or _steady(only, settings, track, count)
+            job = replace(job, settings=replace(settings, moments=steady))
+        return cls(job, mark, track, count, range(first, last + 1), timeline.hold, only)
 
     def shown(self, frame: int) -> int:
         """Index of the volume shown in a frame; a series repeats."""
-        return frame // self.hold % len(self.scenes)
-
-    @property
-    def mark(self) -> str:
-        """Digest of sources, rendering options and cameras, which identifies the frames of this animation."""
-        sizes = [Path(s.volume).stat().st_size if Path(s.volume).is_file() else 0 for s in self.scenes]
-        files = [(s.volume, size, s.load) for s, size in zip(self.scenes, sizes, strict=True)]
-        cameras = [self.track.camera(n) for n in {0, self.count // 2, self.count - 1}]
-        views = [(c.eye.tolist(), c.eye_from_world.tolist(), c.size, c.extent, c.perspective) for c in cameras]
-        first = self.scenes[0]
-        drawn = (
-            first.settings,
-            first.threshold,
-            self.transfer.to_toml(),
-            first.look,
-            *first.layers,
-            *first.meshes,
-            *non_default(first.vectors).items(),
-            *([] if first.surfaces is None else [first.surfaces]),
-            *first.slice_planes,
-            *(first.mask or ()),
-        )
-        names = self.over.names if self.over else ()
-        parts = files, drawn, views, self.count, self.hold, self.flow, self.bits, *names
-        return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:DIGITS]
+        return frame // self.hold % len(self.job.scenes)
 
     def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool, explain: bool) -> None:
         """Renders and saves the frames; the next volume is read in parallel. explain: prints the first one's plan."""
-        work = self.work(frames)
-        read = partial(self._read, work)
+        job, only = self.job, self.only
+        read = job.subject if only is None or job.flow is not None else lambda _: only
         if self.unbounded:
-            work = replace(work, top=work.brightest(renderer, self.probes, read))
+            job = replace(job, top=job.brightest(renderer, self.probes, read))
         groups = [(number, list(group)) for number, group in groupby(todo, self.shown)]
         self._sort(todo)
         done = count(1)
         with progress_bar("frame", quiet, alike=True) as progress:
-            for (_, group), (_, matter) in zip(groups, read_ahead(read, [number for number, _ in groups]), strict=True):
+            for (_, group), (_, subject) in zip(
+                groups, read_ahead(read, [number for number, _ in groups]), strict=True
+            ):
                 for n in group:
-                    data, notes = work.frame(renderer, matter, self.view(n), explain and n == todo[0])
+                    data, notes = job.frame(renderer, frames, subject, self.view(n), explain and n == todo[0])
                     print_lines(notes, quiet or n != todo[0])
                     frames.write(n, data)
                     progress(next(done), len(todo))
-
-    def work(self, frames: Frames) -> FrameJob:
-        """The data that all frames share, without the scale of X-ray frames."""
-        settings = self.scenes[0].settings
-        settings = replace(settings, moments=settings.moments or self.steady)
-        return FrameJob(self.scenes, settings, frames, self.flow, self.bits, bands=self.bands, over=self.over)
 
     def view(self, frame: int) -> FrameView:
         """The number, volume, camera and motion of a frame."""
@@ -246,38 +213,46 @@ class Animation:
     @property
     def unbounded(self) -> bool:
         """Whether frames are sums, which share a scale."""
-        return BLENDS[self.scenes[0].settings.blend].unbounded
+        return BLENDS[self.job.settings.blend].unbounded
 
     @property
     def probes(self) -> list[tuple[int, Camera]]:
         """Volumes and cameras that represent all frames, whichever frames are rendered now."""
         cameras = [self.track.camera(n) for n in np.linspace(0, self.count - 1, PROBES)]
-        return [(n, camera) for n in sorted({0, len(self.scenes) // 2, len(self.scenes) - 1}) for camera in cameras]
+        last = len(self.job.scenes)
+        return [(n, camera) for n in sorted({0, last // 2, last - 1}) for camera in cameras]
 
     def _sort(self, todo: Sequence[int]) -> None:
         """Sorts the splats of a single volume along all axes that frames need: memory use does not grow later."""
-        splats = self.only.subject if self.only is not None else None
-        if not isinstance(splats, Splats) or not BLENDS[self.scenes[0].settings.blend].ordered:
+        splats = self.only.content if self.only is not None else None
+        if not isinstance(splats, Splats) or not BLENDS[self.job.settings.blend].ordered:
             return
         some = todo[:: max(len(todo) // LOOKS, 1)]
         for axis in {order_for(splats, self.track.camera(n)).axis for n in some}:
             splats.lattice(axis)
 
-    def _read(self, work: FrameJob, number: int) -> FrameSubject:
-        """Reads the subject of frames of one volume."""
-        return self.only if self.only is not None and self.flow is None else work.matter(number)
 
-    @property
-    def steady(self) -> int | None:
-        """Number of moments per frame of a rotation: that of the fastest frame. None if more than the angle changes,
-        and for other kinds of motion blur.
-        """
-        if self.only is None or self.flow is not None or not isinstance(self.track, Turning):
-            return None
-        subject, settings, turn = self.only.subject, self.scenes[0].settings, self.track.turn
-        assert not isinstance(subject, Bricks)
-        cameras = [self.track.camera(n) for n in np.linspace(0, self.count - 1, LOOKS)]
-        return max(moments_per_frame(subject, camera, settings, turn) for camera in cameras) or None
+def _steady(only: FrameSubject, settings: Settings, track: Turning, count: int) -> int | None:
+    """Number of moments per frame of a rotation: that of the fastest frame."""
+    assert not isinstance(only.content, Bricks)
+    cameras = [track.camera(n) for n in np.linspace(0, count - 1, LOOKS)]
+    return max(moments_per_frame(only.content, camera, settings, track.turn) for camera in cameras) or None
+
+
+def _mark_of(job: FrameJob, transfer: Transfer, track: Track, count: int, hold: int) -> str:
+    """Digest of sources, rendering options and cameras, which identifies the frames of an animation. transfer: of its
+    first volume.
+    """
+    first, paths = job.scenes[0], [Path(file.volume) for file in job.scenes]
+    sizes = [path.stat().st_size if path.is_file() else 0 for path in paths]
+    files = [(file.volume, size, file.load) for file, size in zip(job.scenes, sizes, strict=True)]
+    cameras = [track.camera(n) for n in {0, count // 2, count - 1}]
+    views = [(c.eye.tolist(), c.eye_from_world.tolist(), c.size, c.extent, c.perspective) for c in cameras]
+    drawn = first.settings, first.threshold, transfer.to_toml(), first.look
+    added = *first.layers, *first.meshes, *non_default(first.vectors).items(), first.surfaces, *first.slice_planes
+    names = job.annotations.names if job.annotations else ()
+    parts = files, *drawn, *added, first.mask, views, count, hold, job.flow, job.bits, *names
+    return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:DIGITS]
 
 
 def _sharp_unless_asked(settings: Settings, timeline: Timeline) -> Settings:
@@ -286,7 +261,7 @@ def _sharp_unless_asked(settings: Settings, timeline: Timeline) -> Settings:
     return settings if settings.motion != "auto" or asked else settings.but(motion="off")
 
 
-def _matter(scene: OpenScene, flow: float | None, is_step: bool) -> FrameSubject:
+def _subject(scene: OpenScene, flow: float | None, is_step: bool) -> FrameSubject:
     """The subject of frames of one volume. Raises InputError if nothing is visible, unless it is a step of a series."""
     if not scene.is_single:
         if flow is not None:
@@ -352,7 +327,7 @@ class FrameSubject:
     have their own planes. transfer: of the first layer. flow: velocities of splats.
     """
 
-    subject: Splats | Scene | Bricks
+    content: Splats | Scene | Bricks
     clip: tuple[Plane, ...]
     transfer: Transfer
     flow: np.ndarray | None = None
@@ -385,67 +360,73 @@ class FrameAnnotations:
 
 @dataclass(frozen=True, eq=False)
 class FrameJob:
-    """Data that all frames share, without splats: each process extracts them. scenes: one for each volume. settings:
-    with the moments of all frames. flow: displacement along vectors per frame. top: common scale of X-ray frames.
-    bands: as of Animation. over: annotations.
+    """Data that all frames share, without splats: each process extracts them. scenes: one for each volume, in the look
+    of the series. settings: with the moments of all frames. flow: displacement along vectors per frame, for motion blur
+    alone. bands: number of bands of rows of volumes that are drawn in bricks; 0: whole. top: common scale of X-rays.
     """
 
     scenes: list[SceneFile]
     settings: Settings
-    frames: Frames
-    flow: float | None
-    bits: int
-    top: float | None = None
+    flow: float | None = None
+    bits: int = 8
     bands: int = 0
-    over: FrameAnnotations | None = None
+    annotations: FrameAnnotations | None = None
+    top: float | None = None
 
-    def matter(self, number: int) -> FrameSubject:
+    def subject(self, number: int) -> FrameSubject:
         """Reads the subject of frames of one volume."""
         file = self.scenes[number]
-        volume = cut_volume(file.open(), file.scissors)
-        transfer = file.transfer_for(volume).on(volume)
+        opened = OpenScene.of(file, file.open())
+        volume, transfer = opened.volume, opened.transfer.on(opened.volume)
         if self.bands:
             return FrameSubject(required_bricks(volume, transfer, self.settings), self.settings.clip, transfer)
-        scene = OpenScene(file, volume, transfer, is_moving=file.settings.shutter > 0)
+        scene = replace(opened, transfer=transfer, is_moving=file.settings.shutter > 0)
         flow = flow_of(scene.splats, volume, self.flow) if self.flow is not None and scene.is_single else None
         return FrameSubject(scene.subject, scene.settings.clip, transfer, flow)
 
     def _render(
-        self, renderer: Renderer, matter: FrameSubject, camera: Camera, settings: Settings, motion: Motion | None = None
+        self,
+        renderer: Renderer,
+        subject: FrameSubject,
+        camera: Camera,
+        settings: Settings,
+        motion: Motion | None = None,
     ) -> Image:
         """The picture of a frame, with motion blur as the settings say."""
-        if isinstance(matter.subject, Bricks):
+        if isinstance(subject.content, Bricks):
             from splatgl.gl.large_volumes import render_moving_bricks
 
-            return render_moving_bricks(renderer, matter.subject, camera, settings, motion, self.bands)
-        return renderer.render(matter.subject, camera, replace(settings, clip=matter.clip), motion)
+            return render_moving_bricks(renderer, subject.content, camera, settings, motion, self.bands)
+        return renderer.render(subject.content, camera, replace(settings, clip=subject.clip), motion)
 
     def frame(
-        self, renderer: Renderer, matter: FrameSubject, view: FrameView, explain: bool
+        self, renderer: Renderer, frames: Frames, subject: FrameSubject, view: FrameView, explain: bool
     ) -> tuple[bytes, list[str]]:
         """The file of a frame, and notes on settings that do not change it. explain: prints its plan."""
-        settings = without_background(self.settings, self.over.names if self.over else ())
-        motion = view.motion if matter.flow is None else view.motion and replace(view.motion, flow=matter.flow)
-        if explain and isinstance(matter.subject, Bricks):
+        over, ground = self.annotations, self.settings.ground
+        settings = without_background(self.settings, over.names if over else ())
+        motion = view.motion if subject.flow is None else view.motion and replace(view.motion, flow=subject.flow)
+        if explain and isinstance(subject.content, Bricks):
             from splatgl.gl.large_volumes import plan_moving_bricks
 
-            print(plan_moving_bricks(renderer, matter.subject, view.camera, settings, motion).explain())
+            print(plan_moving_bricks(renderer, subject.content, view.camera, settings, motion).explain())
         elif explain:
-            print(renderer.plans(matter.subject, view.camera, replace(settings, clip=matter.clip), motion).explain())
-        image = self._render(renderer, matter, view.camera, settings, motion)
+            clipped = replace(settings, clip=subject.clip)
+            print(renderer.plans(subject.content, view.camera, clipped, motion).explain())
+        image = self._render(renderer, subject, view.camera, settings, motion)
         # those on its layers are printed where they are read; the parts of a picture in bricks do not know what moves
-        is_whole, told = not isinstance(matter.subject, Bricks), getattr(matter.subject, "notes", ())
+        is_whole, told = not isinstance(subject.content, Bricks), getattr(subject.content, "notes", ())
         notes = [note for note in image.notes if is_whole and note not in told]
-        if self.top is not None and self.frames.path(view.frame).suffix.lower() == ".png":
+        if self.top is not None and frames.path(view.frame).suffix.lower() == ".png":
             image = scale_xray(image, self.top)
         scene = self.scenes[view.volume]
-        image = Image(image.pixels, {**image.info, **provenance_of(scene, matter.transfer, matter.transfer.unit)})
-        if self.over is not None:
-            names, backdrop = self.over.at(scene.load.get("time", view.volume)), self.settings.ground
-            inputs = self.over.subject, self.over.transfer, view.camera, names, backdrop
-            image = on_ground(annotated(image, *inputs, steady=True), backdrop)
-        ground = self.settings.ground if BLENDS[self.settings.blend].unbounded else None
-        return self.frames.encoded(view.frame, image, self.bits, ground), notes
+        image = Image(image.pixels, {**image.info, **provenance_of(scene, subject.transfer, subject.transfer.unit)})
+        if over is not None:
+            names = over.at(scene.load.get("time", view.volume))
+            image = annotated(image, over.subject, over.transfer, view.camera, names, ground, steady=True)
+            image = on_ground(image, ground)
+        ground = ground if BLENDS[self.settings.blend].unbounded else None
+        return frames.encoded(view.frame, image, self.bits, ground), notes
 
     def brightest(
         self, renderer: Renderer, probes: Sequence[tuple[int, Camera]], read: Callable[[int], FrameSubject]
@@ -454,8 +435,8 @@ class FrameJob:
         top, still, latest = 0.0, self.scenes[0].settings, -1
         for number, camera in probes:
             if number != latest:
-                matter, latest = read(number), number
-            top = max(top, float(self._render(renderer, matter, camera, still).pixels.max()))
+                subject, latest = read(number), number
+            top = max(top, float(self._render(renderer, subject, camera, still).pixels.max()))
         return top * HEADROOM or 1.0
 
 
@@ -578,12 +559,12 @@ def draw_frames(
     """Draws frames on workers, which open the files, and writes them in this process."""
     from splatgl.distributed.cluster import spread
 
-    work = animation.work(frames)
-    work = replace(work, scenes=[scene.with_absolute_paths() for scene in work.scenes])
+    scenes = [scene.with_absolute_paths() for scene in animation.job.scenes]
+    job = replace(animation.job, scenes=scenes)
     if animation.unbounded:
-        ((_, top),) = spread(client, _brightest, [("the brightest frame", (work, drawing, animation.probes))])
-        work = replace(work, top=top)
-    items = ((f"frame {n}", (work, drawing, animation.view(n))) for n in todo)
+        ((_, top),) = spread(client, _brightest, [("the brightest frame", (job, drawing, animation.probes))])
+        job = replace(job, top=top)
+    items = ((f"frame {n}", (job, drawing, frames, animation.view(n))) for n in todo)
     with progress_bar("frame", quiet) as progress:
         for done, (_, (frame, data, notes)) in enumerate(spread(client, _frame, items), 1):
             print_lines(notes, quiet or done > 1)
@@ -591,12 +572,12 @@ def draw_frames(
             progress(done, len(todo))
 
 
-def _frame(work: FrameJob, drawing: Drawing, view: FrameView) -> tuple[int, bytes, list[str]]:
+def _frame(job: FrameJob, drawing: Drawing, frames: Frames, view: FrameView) -> tuple[int, bytes, list[str]]:
     """On a worker: a frame's number, its file and notes."""
-    matter = keep_latest((work.frames.mark, view.volume), lambda: work.matter(view.volume))
-    return view.frame, *work.frame(renderer(drawing), matter, view, explain=False)
+    subject = keep_latest((frames.mark, view.volume), lambda: job.subject(view.volume))
+    return view.frame, *job.frame(renderer(drawing), frames, subject, view, explain=False)
 
 
-def _brightest(work: FrameJob, drawing: Drawing, probes: list[tuple[int, Camera]]) -> float:
+def _brightest(job: FrameJob, drawing: Drawing, probes: list[tuple[int, Camera]]) -> float:
     """On a worker: the common scale of X-ray frames."""
-    return work.brightest(renderer(drawing), probes, work.matter)
+    return job.brightest(renderer(drawing), probes, job.subject)

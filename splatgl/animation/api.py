@@ -129,14 +129,14 @@ def write_animation(
     frames, wanted = Frames.at(output, animation.mark), animation.numbers
     if frames.movie:
         need(frames.movie)
-    sources = [file for scene in animation.scenes for file in scene.files]
+    sources = [file for scene in animation.job.scenes for file in scene.files]
     for n in wanted:
         check_source(frames.path(n), *sources)
     frames.sweep(wanted)
     todo = [n for n in wanted if not (resume and frames.done(n))]
     with _told_if_stopped(frames, wanted):
         if todo and by.are_used:
-            require_built_in(animation.scenes[0].settings.kernel)
+            require_built_in(animation.job.scenes[0].settings.kernel)
             how.check_supported("workers", "frames that are drawn by this process", "--workers")
             with by.connected(None if quiet else print) as client:
                 draw_frames(client, animation, frames, todo, by.drawing, quiet)
@@ -163,9 +163,9 @@ def _told_if_stopped(frames: Frames, wanted: Sequence[int]) -> Iterator[None]:
 def _join(animation: Animation, frames: Frames, fps: float | None) -> None:
     """Writes the movie, if one is asked for, and removes its frames."""
     if frames.movie:
-        ground = animation.scenes[0].settings.ground or BLACK
+        ground = animation.job.scenes[0].settings.ground or BLACK
         # fewer for a short series, so that it can be followed
-        usual = min(FPS, animation.count / SHORTEST) if len(animation.scenes) > 1 else FPS
+        usual = min(FPS, animation.count / SHORTEST) if len(animation.job.scenes) > 1 else FPS
         write_movie(frames.movie, [frames.path(n) for n in animation.numbers], fps or usual, ground)
         frames.clear(animation.numbers)
 
