@@ -89,8 +89,7 @@ def animate(
     scenes = [each for scene in scenes for each in ([scene] if scene.held is not None else volumes(scene, ()))]
     with within(memory):
         animation = Animation.of(scenes, timeline, options_given.get("time"), bits, True)
-        frames, _ = write_animation(animation, str(output), by, DrawOptions(is_shared=True), fps, resume, True)
-    return [frames.movie] if frames.movie else [frames.path(n) for n in animation.numbers]
+        return write_animation(animation, str(output), by, DrawOptions(is_shared=True), fps, resume, True)[0]
 
 
 def timeline_of(scene: SceneFile, given: Timeline, fps: float | None) -> tuple[Timeline, float | None]:
@@ -122,8 +121,8 @@ def with_blur(scene: SceneFile, shutter: float | None) -> SceneFile:
 
 def write_animation(
     animation: Animation, output: str, by: WorkerOptions, how: DrawOptions, fps: float | None, resume: bool, quiet: bool
-) -> tuple[Frames, int]:
-    """Draws the frames and joins them to a movie; returns their paths, and how many existed. how: the renderer, unless
+) -> tuple[list[Path], int]:
+    """Draws the frames and joins them to a movie; returns its path or theirs, and how many existed. how: the renderer, unless
     workers draw. fps: None: the default. resume: frames that exist are kept.
     """
     frames, wanted = Frames.at(output, animation.mark), animation.numbers
@@ -144,7 +143,7 @@ def write_animation(
             with how.renderer() as renderer:
                 animation.draw(renderer, frames, todo, quiet, how.explain)
         _join(animation, frames, fps)
-    return frames, len(wanted) - len(todo)
+    return [frames.movie] if frames.movie else [frames.path(n) for n in wanted], len(wanted) - len(todo)
 
 
 @contextmanager

@@ -59,10 +59,9 @@ def run(args: argparse.Namespace) -> int:
     scenes = volumes(with_blur(scene, args.shutter), args.more)
     animation = Animation.of(scenes, timeline, args.time, args.bits, args.quiet)
     how = record_of(args, DrawOptions)
-    frames, existing = write_animation(animation, args.output, by, how, fps, args.resume, args.quiet)
+    files, existing = write_animation(animation, args.output, by, how, fps, args.resume, args.quiet)
     if not args.quiet:
-        wanted = animation.numbers
         resumed = f", {existing} of them existed" if existing else ""
-        names = dict.fromkeys(str(frames.movie or frames.path(n)) for n in (wanted[0], wanted[-1]))
-        print(f"{' to '.join(names)}: {len(wanted)} frames{resumed}")
+        names = dict.fromkeys(map(str, (files[0], files[-1])))
+        print(f"{' to '.join(names)}: {len(animation.numbers)} frames{resumed}")
     return 0
