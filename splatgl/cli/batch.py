@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from splatgl.animation.movie import expanded
-from splatgl.cli.options import name_of, record_of, require_sources, scene_from
-from splatgl.cli.output import check_outputs, report
+from splatgl.cli.options import name_of, require_sources
+from splatgl.cli.output import OutputOptions
 from splatgl.cli.parser import BAD_INPUT, one_line
 from splatgl.errors import USER_ERRORS, InputError, error_text, expected
 from splatgl.fileio import write_file
@@ -24,11 +22,7 @@ if TYPE_CHECKING:
     from splatgl.data.affine import World
     from splatgl.distributed.worker import Drawing
     from splatgl.scene.scene_file import SceneFile
-    from splatgl.scene.transfer_choice import SeriesLook
     from splatgl.splat.camera import Camera
-
-# options of one picture, by their names in arguments
-ALONE = {"depth": "--depth", "ref": "--ref"}
 
 
 @dataclass(frozen=True)
@@ -56,6 +50,15 @@ class SharedView:
 
 
 @dataclass(frozen=True)
+class BatchJob:
+    """A picture to draw. file: the scene, or its error. same: what an earlier picture shares with it."""
+
+    output: OutputOptions
+    file: SceneFile | str
+    same: SharedView | None = None
+
+
+@dataclass(frozen=True)
 class BatchPicture:
     """A picture that is written. text: to print of it. same: None unless it is asked for."""
 
@@ -64,69 +67,77 @@ class BatchPicture:
     same: SharedView | None
 
 
-def run_batch(args: argparse.Namespace) -> int:
+Results = Iterator[tuple[BatchJob, BatchPicture | str]]
+
+
+def run_batch(
+    sources: Sequence[str],
+    scene_of: Callable[[str], SceneFile],
+    output: OutputOptions,
+    how: DrawOptions,
+    by: WorkerOptions,
+) -> int:
     """Draws a picture of each source; an error of one is printed, and the others are drawn. Returns 0, or BAD_INPUT if
     one failed.
     """
-    by, jobs = record_of(args, WorkerOptions), jobs_of(args)
-    look = _shared_look(jobs) if args.same else None
-    for job in jobs:
-        job.look = look
+    jobs = [BatchJob(each, _scene(scene_of, each.source)) for each in outputs_of(sources, output)]
+    if output.same:
+        jobs = _with_shared_look(jobs, output.is_quiet)
     failed = 0
-    for job, drawn in _on_workers(args, jobs, by) if by.are_used else _here(args, jobs):
+    for job, drawn in _on_workers(jobs, how, by) if by.are_used else _here(jobs, how):
         if isinstance(drawn, BatchPicture):
             try:
-                write_file(Path(job.output), drawn.data)
+                write_file(job.output.path, drawn.data)
             except InputError as error:
                 drawn = error_text(error)
         if isinstance(drawn, str):
             failed += 1
-            _tell_error(job, drawn)
+            _tell_error(job.output, drawn)
         elif drawn.text:
             print(drawn.text, flush=True)
-    if not (args.quiet or args.json) or failed:
+    if not output.is_quiet or failed:
         text = f"{len(jobs) - failed} of {len(jobs)} pictures drawn" + (f", {failed} failed" if failed else "")
-        print(text, file=sys.stderr if failed or args.json else sys.stdout)
+        print(text, file=sys.stderr if failed or output.json else sys.stdout)
     return BAD_INPUT if failed else 0
 
 
-def jobs_of(args: argparse.Namespace) -> list[argparse.Namespace]:
-    """The arguments of each picture. Raises InputError, before any work, for names of outputs that are equal, or that
-    cannot be written.
+def outputs_of(named: Sequence[str], output: OutputOptions) -> list[OutputOptions]:
+    """The output of each picture. Raises InputError, before any work, for names of outputs that are equal, or that
+    cannot be written. named: sources and patterns.
     """
-    for name, flag in ALONE.items():
-        if getattr(args, name) is not None:
+    for flag, value in {"--depth": output.depth, "--ref": output.ref}.items():
+        if value is not None:
             raise expected(flag, "one source", "several", "leave it out")
-    sources = expanded((args.source, *args.more))
-    template = args.output or "{name}.png"
-    outputs = [_output(template, source, number) for number, source in enumerate(sources)]
+    sources, template = expanded(named), output.output or "{name}.png"
+    outputs = [replace(output, source=source, output=_output(template, source, n)) for n, source in enumerate(sources)]
     if len(sources) > 1 and "{" not in template:
         require_sources(sources)
         raise expected("-o", "a name for each source, such as 'out/{name}.png'", template)
-    first: dict[str, str] = {}
-    for source, output in zip(sources, outputs, strict=True):
-        other = first.setdefault(str(Path(output).absolute()), source)
-        if other is not source:
-            fix = "{folder} and {number} tell them apart"
-            raise expected("-o", "a file for each source", f"{output} for {other} and {source}", fix)
-    jobs = [
-        argparse.Namespace(**{**vars(args), "source": source, "more": [], "output": output})
-        for source, output in zip(sources, outputs, strict=True)
-    ]
-    for job in jobs:
-        check_outputs(job, Path(job.output), sources)
-    return jobs
+    first: dict[Path, str] = {}
+    for each in outputs:
+        other = first.setdefault(each.path.absolute(), each.source)
+        if other is not each.source:
+            got, fix = f"{each.output} for {other} and {each.source}", "{folder} and {number} tell them apart"
+            raise expected("-o", "a file for each source", got, fix)
+    for each in outputs:
+        each.check(sources)
+    return outputs
 
 
-def _shared_look(jobs: Sequence[argparse.Namespace]) -> SeriesLook | None:
-    """The look that the pictures share; prints a note on it. Sources that cannot be read have their error later."""
-    files: list[SceneFile] = []
-    for job in jobs:
-        with suppress(*USER_ERRORS):
-            files.append(scene_from(job))
+def _scene(scene_of: Callable[[str], SceneFile], source: str) -> SceneFile | str:
+    """The scene of a source, or its error."""
+    try:
+        return scene_of(source)
+    except USER_ERRORS as error:
+        return error_text(error)
+
+
+def _with_shared_look(jobs: Sequence[BatchJob], is_quiet: bool) -> list[BatchJob]:
+    """The jobs in the look that they share; prints a note on it."""
+    files = [job.file for job in jobs if not isinstance(job.file, str)]
     look = series_look(files)
-    print_lines(look_notes(look, files), jobs[0].quiet or jobs[0].json)
-    return look
+    print_lines(look_notes(look, files), is_quiet)
+    return [job if isinstance(job.file, str) else replace(job, file=replace(job.file, look=look)) for job in jobs]
 
 
 def _output(template: str, source: str, number: int) -> str:
@@ -138,83 +149,72 @@ def _output(template: str, source: str, number: int) -> str:
         raise expected("-o", "a name with {name}, {folder} or {number}", template) from None
 
 
-def _tell_error(job: argparse.Namespace, message: str) -> None:
+def _tell_error(output: OutputOptions, message: str) -> None:
     """Prints the error of one picture."""
-    line = one_line(message)
-    if job.json:
-        print(json.dumps({"source": job.source, "output": job.output, "error": line}, ensure_ascii=False), flush=True)
+    line, source = one_line(message), output.source
+    if output.json:
+        print(json.dumps({"source": source, "output": output.output, "error": line}, ensure_ascii=False), flush=True)
     else:
         # errors of reading begin with the source
-        text = line if line.startswith(job.source) else f"{job.source}: {line}"
-        print(f"splatgl: {text}", file=sys.stderr)
+        print(f"splatgl: {line if line.startswith(source) else f'{source}: {line}'}", file=sys.stderr)
 
 
-def _here(args: argparse.Namespace, jobs: Sequence[argparse.Namespace]) -> Iterator[tuple[Any, BatchPicture | str]]:
+def _here(jobs: Sequence[BatchJob], how: DrawOptions) -> Results:
     """Yields each job with its picture or its error, drawn in this process."""
     same: SharedView | None = None
-    how = record_of(args, DrawOptions)
     with how.renderer() as renderer:
         for job in jobs:
-            drawn = draw_job(job, replace(how, held=renderer), same)
+            drawn = draw_job(replace(job, same=same), replace(how, held=renderer))
             same = same or (drawn.same if isinstance(drawn, BatchPicture) else None)
             yield job, drawn
 
 
-def _on_workers(
-    args: argparse.Namespace, jobs: list[argparse.Namespace], by: WorkerOptions
-) -> Iterator[tuple[Any, BatchPicture | str]]:
+def _on_workers(jobs: Sequence[BatchJob], how: DrawOptions, by: WorkerOptions) -> Results:
     """Yields each job with its picture or its error, drawn by workers; with --same those up to the first picture are
     drawn in this process.
     """
     from splatgl.distributed.cluster import spread
     from splatgl.splat.kernels import require_built_in
 
-    require_built_in(args.kernel or "auto")
-    record_of(args, DrawOptions).check_supported("workers", "pictures that are drawn by this process", "--workers")
-    same: SharedView | None = None
-    rest = list(jobs)
-    while args.same and rest and same is None:
-        (result,) = _here(args, [rest.pop(0)])
+    how.check_supported("workers", "pictures that are drawn by this process", "--workers")
+    for job in jobs:
+        require_built_in("auto" if isinstance(job.file, str) else job.file.settings.kernel)
+    same, rest, is_quiet = None, list(jobs), jobs[0].output.is_quiet
+    while jobs[0].output.same and rest and same is None:
+        (result,) = _here([rest.pop(0)], how)
         same = result[1].same if isinstance(result[1], BatchPicture) else None
         yield result
-    places = {str(number): job for number, job in enumerate(rest)}
-    with by.connected(None if args.quiet or args.json else print) as client:
-        items = [(key, (_plain(job), by.drawing, same)) for key, job in places.items()]
-        with progress_bar("picture", args.quiet or args.json) as progress:
-            try:
-                for done, (key, drawn) in enumerate(spread(client, _draw_on_worker, items), 1):
-                    progress(done, len(rest))
-                    yield places.pop(key), drawn
-            except InputError as error:
-                # workers died of the pictures that are left
-                for job in places.values():
-                    yield job, error_text(error)
+    # a scheduler may be elsewhere
+    moved = [job if isinstance(job.file, str) else replace(job, file=job.file.with_absolute_paths()) for job in rest]
+    left = {str(number): replace(job, same=same) for number, job in enumerate(moved if by.scheduler else rest)}
+    with by.connected(None if is_quiet else print) as client, progress_bar("picture", is_quiet) as progress:
+        items = [(key, (job, how, by.drawing)) for key, job in left.items()]
+        try:
+            for done, (key, drawn) in enumerate(spread(client, _draw_on_worker, items), 1):
+                progress(done, len(rest))
+                yield left.pop(key), drawn
+        except InputError as error:
+            # workers died of the pictures that are left
+            for job in left.values():
+                yield job, error_text(error)
 
 
-def _plain(job: argparse.Namespace) -> dict[str, Any]:
-    """The arguments of a job for another process, where a scheduler may be elsewhere with an absolute path."""
-    is_moved = job.scheduler is not None and Path(job.source).exists()
-    return {**vars(job), "run": None, "source": str(Path(job.source).absolute()) if is_moved else job.source}
-
-
-def _draw_on_worker(arguments: dict[str, Any], drawing: Drawing, same: SharedView | None) -> BatchPicture | str:
+def _draw_on_worker(job: BatchJob, how: DrawOptions, drawing: Drawing) -> BatchPicture | str:
     """Draws a job on a worker, with its renderer."""
     from splatgl.distributed.worker import renderer
 
-    job = argparse.Namespace(**arguments)
-    return draw_job(job, replace(record_of(job, DrawOptions), held=renderer(drawing)), same)
+    return draw_job(job, replace(how, held=renderer(drawing)))
 
 
-def draw_job(job: argparse.Namespace, how: DrawOptions, same: SharedView | None) -> BatchPicture | str:
-    """The picture of a job, or its error. same: what an earlier picture shares with it."""
-    output, is_quiet = Path(job.output), job.quiet or job.json
+def draw_job(job: BatchJob, how: DrawOptions) -> BatchPicture | str:
+    """The picture of a job, or its error."""
+    file, output, same = job.file, job.output, job.same
+    if isinstance(file, str):
+        return file
     try:
-        file = replace(scene_from(job), look=job.look)
-        scene = OpenScene.read(file, is_quiet) if same is None else same.read(file, is_quiet)
+        scene = OpenScene.read(file, output.is_quiet) if same is None else same.read(file, output.is_quiet)
         image = draw(scene, how).with_accuracy()
-        data = image.encoded(output, job.bits)
-        return BatchPicture(
-            data, report(job, image, scene), SharedView.of(scene) if job.same and same is None else None
-        )
+        shared = SharedView.of(scene) if output.same and same is None else None
+        return BatchPicture(image.encoded(output.path, output.bits), output.report(image, scene), shared)
     except USER_ERRORS as error:
         return error_text(error)

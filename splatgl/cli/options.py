@@ -126,10 +126,11 @@ def group_of(parser: argparse.ArgumentParser, title: str) -> argparse._ArgumentG
     return groups.get(title) or parser.add_argument_group(title)
 
 
-def scene_from(args: argparse.Namespace) -> SceneFile:
-    """The scene of a command's options; they override a scene.toml."""
-    _refuse_many(args)
-    source, array = inside(args.source)
+def scene_from(args: argparse.Namespace, source: str | None = None) -> SceneFile:
+    """The scene of a command's options; they override a scene.toml. source: None: the command's."""
+    named = args.source if source is None else source
+    _refuse_many(named, hasattr(args, "more"))
+    source, array = inside(named)
     given = {name: value for name, value in vars(args).items() if value is not None}
     if is_mesh(source) and not hasattr(args, "meshes"):
         raise expected(source, "a volume", "a mesh", "splatgl render draws it")
@@ -139,8 +140,7 @@ def scene_from(args: argparse.Namespace) -> SceneFile:
         del given["time"]
     path = Path(source)
     scene = SceneFile.from_toml(path) if path.suffix == ".toml" and not is_address(source) else SceneFile(source)
-    named = {} if array is None else {"array": array}
-    scene = scene.with_options(**{**named, **given})
+    scene = scene.with_options(**{**({} if array is None else {"array": array}), **given})
     return scene.with_preset_blend() if "blend" in vars(args) and args.blend is None else scene
 
 
@@ -179,14 +179,14 @@ def require_sources(sources: Iterable[str]) -> None:
             require_source(source)
 
 
-def _refuse_many(args: argparse.Namespace) -> None:
+def _refuse_many(source: str, takes_many: bool) -> None:
     """InputError for standard input, for a pattern where one volume is drawn, and for the name of a preset."""
-    if advice := preset_advice(args.source):
-        raise expected(args.source, "a file", "no such file", advice)
-    if args.source == "-":
+    if advice := preset_advice(source):
+        raise expected(source, "a file", "no such file", advice)
+    if source == "-":
         raise expected("SOURCE", "a file", "standard input", "save it to a file first")
-    if is_pattern(args.source) and not hasattr(args, "more"):
-        raise expected(args.source, "one file", "a pattern", "splatgl render and animate draw several")
+    if is_pattern(source) and not takes_many:
+        raise expected(source, "one file", "a pattern", "splatgl render and animate draw several")
 
 
 def name_of(source: str) -> str:

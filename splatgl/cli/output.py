@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,35 +26,55 @@ from splatgl.splat.transfer import EXTENT, Transfer
 SHOWN = 3
 
 
-def output_of(args: argparse.Namespace) -> Path:
-    """The file of the picture."""
-    return Path(args.output or f"{name_of(args.source)}.png")
+@dataclass(frozen=True)
+class OutputOptions:
+    """Files of a picture of a source, and what is printed of it. ref: the picture to compare with. same: whether
+    several pictures share camera and look.
+    """
 
+    source: str
+    output: str | None = None
+    bits: int = 8
+    json: bool = False
+    quiet: bool = False
+    depth: str | None = None
+    depth_at: float | str | None = None
+    ref: str | None = None
+    same: bool = False
 
-def report(args: argparse.Namespace, image: Image, scene: OpenScene) -> str:
-    """Text on what was drawn: JSON, a summary, or nothing."""
-    if args.json:
-        return as_json(args.source, output_of(args), image, scene)
-    if args.quiet:
-        return ""
-    return (slice_summary if scene.file.slices else summary)(output_of(args), image, scene)
+    @property
+    def path(self) -> Path:
+        """The file of the picture."""
+        return Path(self.output or f"{name_of(self.source)}.png")
 
+    @property
+    def is_quiet(self) -> bool:
+        """Whether neither notes nor progress are printed."""
+        return self.quiet or self.json
 
-def check_outputs(args: argparse.Namespace, output: Path, files: Sequence[str]) -> None:
-    """Raises InputError, before any work, for a picture or depths that cannot be written. files: of the scene."""
-    check_output(output, SAVED)
-    require_library(output.suffix.lower())
-    check_source(output, args.source, *files)
-    if args.depth is None:
-        if args.depth_at is not None:
-            raise expected("--depth-at", "a file for the depths", "none", "add --depth depth.npy")
-        return
-    path = Path(args.depth)
-    check_output(path, MAPS)
-    require_library(path.suffix.lower())
-    check_source(path, args.source, *files, args.output, args.ref)
-    if args.output is not None and path.absolute() == output.absolute():
-        raise expected("--depth", "another file than -o", str(path))
+    def report(self, image: Image, scene: OpenScene) -> str:
+        """Text on what was drawn: JSON, a summary, or nothing."""
+        if self.json:
+            return as_json(self.source, self.path, image, scene)
+        if self.quiet:
+            return ""
+        return (slice_summary if scene.file.slices else summary)(self.path, image, scene)
+
+    def check(self, files: Sequence[str]) -> None:
+        """Raises InputError, before any work, for a picture or depths that cannot be written. files: of the scene."""
+        check_output(self.path, SAVED)
+        require_library(self.path.suffix.lower())
+        check_source(self.path, self.source, *files)
+        if self.depth is None:
+            if self.depth_at is not None:
+                raise expected("--depth-at", "a file for the depths", "none", "add --depth depth.npy")
+            return
+        path = Path(self.depth)
+        check_output(path, MAPS)
+        require_library(path.suffix.lower())
+        check_source(path, self.source, *files, self.output, self.ref)
+        if self.output is not None and path.absolute() == self.path.absolute():
+            raise expected("--depth", "another file than -o", str(path))
 
 
 def summary(output: Path, image: Image, scene: OpenScene) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 from uuid import uuid4
@@ -22,7 +23,7 @@ from splatgl.cli.options import (
     record_of,
     scene_from,
 )
-from splatgl.cli.output import check_outputs, output_of, report
+from splatgl.cli.output import OutputOptions
 from splatgl.data.color import AUTO
 from splatgl.data.image import Image, save_map
 from splatgl.errors import expected
@@ -120,42 +121,46 @@ def run(args: argparse.Namespace) -> int:
     """Renders images and prints summaries; returns 0, 1 if one differs from --ref, or 2 if one of several failed."""
     args.check_field = args.field is CHECK or None
     args.field = None if args.check_field else args.field
+    output, how = record_of(args, OutputOptions), record_of(args, DrawOptions)
+    by, sources, scene_of = record_of(args, WorkerOptions), (args.source, *args.more), partial(scene_from, args)
     if args.more or is_pattern(args.source) or "{" in (args.output or ""):
         from splatgl.cli.batch import run_batch
 
-        return run_batch(args)
-    if args.same:
+        return run_batch(sources, scene_of, output, how, by)
+    if output.same:
         raise expected("--same", "several sources", "one")
-    file, how = scene_from(args), record_of(args, DrawOptions)
-    return render(args, file, how, record_of(args, WorkerOptions))
-
-
-def render(args: argparse.Namespace, file: SceneFile, how: DrawOptions, by: WorkerOptions) -> int:
-    """Renders the picture of a scene, writes it and prints its summary; returns 0, or 1 if it differs from --ref."""
-    output = output_of(args)
-    is_quiet = args.quiet or args.json
-    check_outputs(args, output, file.files)
-    if args.ref is not None:
+    file, reference = scene_of(args.source), None
+    output.check(file.files)
+    if output.ref:
         if args.annotate is not None:
-            raise expected("annotate", "no --ref, which compares pictures without annotations", args.ref)
+            raise expected("annotate", "no --ref, which compares pictures without annotations", output.ref)
+        reference = _reference(output.ref, output.path)
         file = replace(file, annotate=())
-    reference = _reference(args.ref, output) if args.ref else None
-    if reference is not None and args.background is None and file.settings.background == AUTO:
-        file = replace(file, settings=replace(file.settings, background=_behind(reference.image)))
-    scene = OpenScene.read(file, is_quiet)
+        if args.background is None and file.settings.background == AUTO:
+            file = replace(file, settings=replace(file.settings, background=_behind(reference.image)))
+    return render(file, output, how, by, reference)
+
+
+def render(
+    file: SceneFile, output: OutputOptions, how: DrawOptions, by: WorkerOptions, reference: Picture | None
+) -> int:
+    """Renders the picture of a scene, writes it and prints its summary; returns 0, or 1 if it differs from a reference,
+    beside which it is written only then.
+    """
+    scene = OpenScene.read(file, output.is_quiet)
     if file.slices:
-        _check_slices(args, by)
-    if args.depth is not None:
-        write_depths(scene, args.depth, args.depth_at)
-        if args.output is None and reference is None:
+        _check_slices(output, how, by)
+    if output.depth is not None:
+        write_depths(scene, output.depth, output.depth_at)
+        if output.output is None and reference is None:
             return 0
     image = finish(_draw_on_workers(scene, how, by), scene) if by.are_used else draw(scene, how)
     image = image.with_accuracy()
-    status = 0 if reference is None else _compare(image, reference, output, is_quiet)
+    status = 0 if reference is None else _compare(image, reference, output)
     if reference is not None and status == 0:
         return status
-    image.save(output, args.bits)
-    if text := report(args, image, scene):
+    image.save(output.path, output.bits)
+    if text := output.report(image, scene):
         print(text)
     return status
 
@@ -170,21 +175,21 @@ def _behind(reference: Image) -> Color | str | None:
     return None
 
 
-def _check_slices(args: argparse.Namespace, by: WorkerOptions) -> None:
+def _check_slices(output: OutputOptions, how: DrawOptions, by: WorkerOptions) -> None:
     """Raises InputError for options of pictures in space beside --slice."""
-    others = {"--depth": args.depth, "--workers": by.workers, "--scheduler": by.scheduler, "--explain": args.explain}
-    for name, value in {**others, "--savings": args.savings, "--field": args.check_field}.items():
+    others = {"--depth": output.depth, "--workers": by.workers, "--scheduler": by.scheduler, "--explain": how.explain}
+    for name, value in {**others, "--savings": how.savings, "--field": how.check_field}.items():
         if value:
             raise expected("--slice", f"no {name} beside it", value, "--slice-plane shows a slice in space")
 
 
-def _compare(image: Image, reference: Picture, output: Path, is_quiet: bool) -> int:
+def _compare(image: Image, reference: Picture, output: OutputOptions) -> int:
     """Compares with --ref, and prints the verdict; returns 0, or 1 for a different picture."""
     from splatgl.cli.compare import check_against
     from splatgl.comparison.pairs import DIFFERENT, SAME
 
-    verdict = check_against(image, reference, output)
-    if not (verdict.same and is_quiet):
+    verdict = check_against(image, reference, output.path)
+    if not (verdict.same and output.is_quiet):
         print(verdict)
     return SAME if verdict.same else DIFFERENT
 
