@@ -196,9 +196,8 @@ def _compare(image: Image, reference: Picture, output: OutputOptions) -> int:
 
 def _draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> Image:
     """Draws the picture in parts on workers of Dask."""
-    from splatgl.distributed.render import Job, draw_parts
+    from splatgl.distributed.render import WorkerJob, draw_parts
     from splatgl.splat.kernels import require_built_in
-    from splatgl.splat.opaque_bounds import Opaque
 
     how.check_supported("workers", "a picture that is drawn by this process", "--workers or --scheduler")
     file, settings = scene.file, scene.settings
@@ -222,8 +221,8 @@ def _draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> I
         if value:
             fix = "--channel picks one" if name == "channels" else ""
             raise expected(name, "none, with --workers or --scheduler", value, fix)
-    camera = file.view.camera(scene.volume, Opaque(scene.volume, scene.transfer))
-    job = Job(uuid4().hex, file.with_absolute_paths().open, scene.transfer, settings, by.drawing, camera, how.memory)
+    opened = file.with_absolute_paths().open
+    job = WorkerJob(uuid4().hex, opened, scene.transfer, settings, by.drawing, scene.camera, how.memory)
     notify = None if scene.is_quiet else print
     with by.connected(notify) as client, progress_bar("part", scene.is_quiet) as progress:
         image = draw_parts(client, job, None, progress, how.check)

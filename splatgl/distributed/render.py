@@ -16,7 +16,7 @@ from splatgl.coercion import public
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.distributed.cluster import spread
-from splatgl.distributed.worker import Drawing, Subject, call, keep_latest, renderer
+from splatgl.distributed.worker import Drawing, call, keep_latest, renderer
 from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, call_within, parse_bytes
 from splatgl.readers import load
@@ -31,6 +31,23 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from splatgl.splat.plan import Plan
+    from splatgl.splat.splats import Splats
+
+
+@dataclass(frozen=True, eq=False)
+class WorkerJob:
+    """A picture of a volume that workers open. key: identifies the volume in their cache. memory: of a worker, bytes;
+    None: half of the free. level: of a multiscale volume.
+    """
+
+    key: str
+    open: Callable[[], Volume]
+    transfer: Transfer
+    settings: Settings
+    drawing: Drawing
+    camera: Camera
+    memory: int | None = None
+    level: int = 0
 
 
 @public
@@ -49,21 +66,26 @@ def render_frames(
     InputError for a file that workers cannot read or draw, and, after all other frames, for a frame of which three
     workers died.
     """
-    path = Path(source).resolve() if Path(source).exists() else source
-    subject = Subject(uuid.uuid4().hex, partial(load, path), transfer, settings or Settings(), drawing or Drawing())
+    shared = uuid.uuid4().hex, _opening(source), transfer, settings or Settings(), drawing or Drawing()
     moved = motions if motions is not None else [None] * len(cameras)
-    items = ((f"frame {n}", (subject, n, *both)) for n, both in enumerate(zip(cameras, moved, strict=True)))
+    views = enumerate(zip(cameras, moved, strict=True))
+    items = ((f"frame {n}", (WorkerJob(*shared, camera), n, motion)) for n, (camera, motion) in views)
     for _, frame in spread(client, _frame, items):
         yield frame
 
 
-def _frame(subject: Subject, number: int, camera: Camera, motion: Motion | None) -> tuple[int, Image]:
+def _opening(source: str | Path) -> Callable[[], Volume]:
+    """A function that reads a volume, also in processes in other folders."""
+    return partial(load, Path(source).resolve() if Path(source).exists() else source)
+
+
+def _frame(job: WorkerJob, number: int, motion: Motion | None) -> tuple[int, Image]:
     """Draws one picture, on a worker."""
-    splats = keep_latest(
-        subject.key,
-        lambda: extract_for_settings(subject.open(), subject.transfer, subject.settings, moving=motion is not None),
-    )
-    return number, renderer(subject.drawing).render(splats, camera, subject.settings, motion)
+
+    def extracted() -> Splats:
+        return extract_for_settings(job.open(), job.transfer, job.settings, moving=motion is not None)
+
+    return number, renderer(job.drawing).render(keep_latest(job.key, extracted), job.camera, job.settings, motion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,15 +173,6 @@ PARTS = 2
 Progress = Callable[[int, int], None]
 
 
-@dataclass(frozen=True, eq=False)
-class Job(Subject):
-    """Picture to draw in parts. level: of a multiscale volume. memory: of a worker, bytes; None: half of the free."""
-
-    camera: Camera
-    memory: int | None = None
-    level: int = 0
-
-
 @public
 def render_slabs(
     source: Volume | str | Path,
@@ -189,8 +202,8 @@ def render_slabs(
             raise expected("source", "a path that workers open, or samples in memory", "a store", "give its path")
         volume, opened = client.scatter(source, broadcast=True), _none
     else:
-        opened = partial(load, Path(source).resolve() if Path(source).exists() else source)
-    job = Job(uuid.uuid4().hex, opened, transfer, settings or Settings(), Drawing(), camera, memory)
+        opened = _opening(source)
+    job = WorkerJob(uuid.uuid4().hex, opened, transfer, settings or Settings(), Drawing(), camera, memory)
     return draw_parts(client, job, volume, progress)
 
 
@@ -199,7 +212,7 @@ def _none() -> Volume:
 
 
 def draw_parts(
-    client: Client, job: Job, volume: Any = None, progress: Progress | None = None, check: int | float | None = 0
+    client: Client, job: WorkerJob, volume: Any = None, progress: Progress | None = None, check: int | float | None = 0
 ) -> Image:
     """Draws the picture of a job. volume: a future, if it is sent to workers. check: as of `check_bricks`."""
     from distributed import as_completed
@@ -235,7 +248,7 @@ def draw_parts(
     return replace(image, info={**image.info, **info})
 
 
-def _level(job: Job, sent: Volume | None) -> tuple[int, dict[str, object]]:
+def _level(job: WorkerJob, sent: Volume | None) -> tuple[int, dict[str, object]]:
     """Chooses the level, on a worker; returns its number and provenance."""
     from splatgl.gl.large_volumes import choose_level
 
@@ -243,14 +256,14 @@ def _level(job: Job, sent: Volume | None) -> tuple[int, dict[str, object]]:
     return level.number, level.info
 
 
-def _shells(job: Job, sent: Volume | None, count: int) -> tuple[str, list[Shell]]:
+def _shells(job: WorkerJob, sent: Volume | None, count: int) -> tuple[str, list[Shell]]:
     """Plans the parts, on a worker; returns the `join` of the blend, and their shells."""
     bricks, chosen = _planned(job, sent)
     assert chosen.resolved.sheets is not None
     return chosen.program.look.blend.join, bricks.shells(chosen.resolved.sheets, chosen.view, count)
 
 
-def _part(job: Job, sent: Volume | None, shell: Shell) -> PicturePart:
+def _part(job: WorkerJob, sent: Volume | None, shell: Shell) -> PicturePart:
     """Draws a part of the picture, on a worker."""
     from splatgl.splat.bricks import estimate_need
 
@@ -263,7 +276,7 @@ def _part(job: Job, sent: Volume | None, shell: Shell) -> PicturePart:
     return PicturePart.of(pixels, sum(some.found.values()))
 
 
-def _finished(job: Job, sent: Volume | None, part: PicturePart, check: int | float | None) -> Image:
+def _finished(job: WorkerJob, sent: Volume | None, part: PicturePart, check: int | float | None) -> Image:
     """The picture of joined parts, on a worker."""
     from splatgl.reference.check import check_bricks
 
@@ -272,7 +285,7 @@ def _finished(job: Job, sent: Volume | None, part: PicturePart, check: int | flo
     return check_bricks(image, bricks, job.camera, job.settings, check) if part.splats else image
 
 
-def _planned(job: Job, sent: Volume | None) -> tuple[Bricks, Plan]:
+def _planned(job: WorkerJob, sent: Volume | None) -> tuple[Bricks, Plan]:
     """The volume in bricks, and the plan of the picture. Raises InputError for settings that need other splats."""
     from splatgl.gl.large_volumes import single_level
 
@@ -284,5 +297,5 @@ def _planned(job: Job, sent: Volume | None) -> tuple[Bricks, Plan]:
     return keep_latest((job.key, job.level), make)
 
 
-def _volume(job: Job, sent: Volume | None) -> Volume:
+def _volume(job: WorkerJob, sent: Volume | None) -> Volume:
     return job.open() if sent is None else sent

@@ -9,11 +9,8 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.coercion import public
-from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.opengl import OpenGL
-from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer
@@ -29,17 +26,6 @@ class Drawing(OpenGL):
     """
 
     devices: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Subject:
-    """A volume that workers open. key: identifies it in their cache."""
-
-    key: str
-    open: Callable[[], Volume]
-    transfer: Transfer
-    settings: Settings
-    drawing: Drawing
 
 
 class _Cache:
