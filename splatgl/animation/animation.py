@@ -6,10 +6,10 @@ import hashlib
 import json
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count, groupby
+from itertools import groupby
 from operator import index
 from pathlib import Path
 from string import Formatter
@@ -24,9 +24,8 @@ from splatgl.annotations.canvas import Subject
 from splatgl.data.image import Image
 from splatgl.distributed.worker import Drawing, keep_latest, renderer
 from splatgl.errors import expected
-from splatgl.fileio import budget, check_output, format_bytes, shorten_name, write_file
+from splatgl.fileio import budget, check_output, format_bytes, shorten_name
 from splatgl.options import Group, Kind, check_options, non_default, option
-from splatgl.scene.draw import print_lines, progress_bar
 from splatgl.scene.open_scene import OpenScene, provenance_of, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FIT_ALL, FIT_OF_0_3
@@ -187,24 +186,37 @@ class Animation:
         """Index of the volume shown in a frame; a series repeats."""
         return frame // self.hold % len(self.job.scenes)
 
-    def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool, explain: bool) -> None:
-        """Renders and saves the frames; the next volume is read in parallel. explain: prints the first one's plan."""
+    def drawn_here(
+        self, renderer: Renderer, frames: Frames, todo: Sequence[int], explain: bool
+    ) -> Iterator[tuple[int, bytes, list[str]]]:
+        """Yields the number, file and notes of frames; the next volume is read meanwhile. explain: prints the first
+        one's plan.
+        """
         job, only = self.job, self.only
         read = job.subject if only is None or job.flow is not None else lambda _: only
         if self.unbounded:
             job = replace(job, top=job.brightest(renderer, self.probes, read))
         groups = [(number, list(group)) for number, group in groupby(todo, self.shown)]
+        subjects = read_ahead(read, [number for number, _ in groups])
         self._sort(todo)
-        done = count(1)
-        with progress_bar("frame", quiet, alike=True) as progress:
-            for (_, group), (_, subject) in zip(
-                groups, read_ahead(read, [number for number, _ in groups]), strict=True
-            ):
-                for n in group:
-                    data, notes = job.frame(renderer, frames, subject, self.view(n), explain and n == todo[0])
-                    print_lines(notes, quiet or n != todo[0])
-                    frames.write(n, data)
-                    progress(next(done), len(todo))
+        return (
+            (n, *job.frame(renderer, frames, subject, self.view(n), explain and n == todo[0]))
+            for (_, group), (_, subject) in zip(groups, subjects, strict=True)
+            for n in group
+        )
+
+    def drawn_on_workers(
+        self, client: Client, frames: Frames, todo: Sequence[int], drawing: Drawing
+    ) -> Iterator[tuple[int, bytes, list[str]]]:
+        """Yields the number, file and notes of frames that workers draw, which open the files."""
+        from splatgl.distributed.cluster import spread
+
+        job = replace(self.job, scenes=[scene.with_absolute_paths() for scene in self.job.scenes])
+        if self.unbounded:
+            ((_, top),) = spread(client, _brightest, [("the brightest frame", (job, drawing, self.probes))])
+            job = replace(job, top=top)
+        items = ((f"frame {n}", (job, drawing, frames, self.view(n))) for n in todo)
+        return (frame for _, frame in spread(client, _frame, items))
 
     def view(self, frame: int) -> FrameView:
         """The number, volume, camera and motion of a frame."""
@@ -496,10 +508,6 @@ class Frames:
         info = {**image.info, "frame": frame, "animation": self.mark}
         return Image(image.pixels, info).encoded(self.path(frame), bits, ground)
 
-    def write(self, frame: int, data: bytes) -> None:
-        """Writes a frame's file atomically."""
-        write_file(self.path(frame), data)
-
     def done(self, frame: int) -> bool:
         """Whether the frame exists. Raises InputError for a frame of another animation."""
         path = self.path(frame)
@@ -551,25 +559,6 @@ def _mark(path: Path) -> str | None:
     except (OSError, ValueError, SyntaxError):
         return None
     return about.get("animation") if isinstance(about, dict) else None
-
-
-def draw_frames(
-    client: Client, animation: Animation, frames: Frames, todo: Sequence[int], drawing: Drawing, quiet: bool
-) -> None:
-    """Draws frames on workers, which open the files, and writes them in this process."""
-    from splatgl.distributed.cluster import spread
-
-    scenes = [scene.with_absolute_paths() for scene in animation.job.scenes]
-    job = replace(animation.job, scenes=scenes)
-    if animation.unbounded:
-        ((_, top),) = spread(client, _brightest, [("the brightest frame", (job, drawing, animation.probes))])
-        job = replace(job, top=top)
-    items = ((f"frame {n}", (job, drawing, frames, animation.view(n))) for n in todo)
-    with progress_bar("frame", quiet) as progress:
-        for done, (_, (frame, data, notes)) in enumerate(spread(client, _frame, items), 1):
-            print_lines(notes, quiet or done > 1)
-            frames.write(frame, data)
-            progress(done, len(todo))
 
 
 def _frame(job: FrameJob, drawing: Drawing, frames: Frames, view: FrameView) -> tuple[int, bytes, list[str]]:

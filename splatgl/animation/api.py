@@ -8,14 +8,14 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from splatgl.animation.animation import Animation, Frames, Timeline, draw_frames
+from splatgl.animation.animation import Animation, Frames, Timeline
 from splatgl.animation.movie import need, volumes, write_movie
 from splatgl.coercion import is_instance, is_scene, public
 from splatgl.errors import USER_ERRORS, error_prefix, expected
-from splatgl.fileio import check_source, within
+from splatgl.fileio import check_source, within, write_file
 from splatgl.options import OptionGroup, is_number, keyword, keywords_of, names_of, non_default
 from splatgl.scene.api import scene_of
-from splatgl.scene.draw import DrawOptions, WorkerOptions
+from splatgl.scene.draw import DrawOptions, WorkerOptions, print_lines, progress_bar
 from splatgl.scene.groups import ungrouped, with_groups
 from splatgl.scene.scene_file import TRACK, SceneFile
 from splatgl.splat.kernels import require_built_in
@@ -122,8 +122,8 @@ def with_blur(scene: SceneFile, shutter: float | None) -> SceneFile:
 def write_animation(
     animation: Animation, output: str, by: WorkerOptions, how: DrawOptions, fps: float | None, resume: bool, quiet: bool
 ) -> tuple[list[Path], int]:
-    """Draws the frames and joins them to a movie; returns its path or theirs, and how many existed. how: the renderer, unless
-    workers draw. fps: None: the default. resume: frames that exist are kept.
+    """Draws the frames and joins them to a movie; returns its path or theirs, and how many existed. how: the renderer,
+    unless workers draw. fps: None: the default. resume: frames that exist are kept.
     """
     frames, wanted = Frames.at(output, animation.mark), animation.numbers
     if frames.movie:
@@ -135,15 +135,26 @@ def write_animation(
     todo = [n for n in wanted if not (resume and frames.done(n))]
     with _told_if_stopped(frames, wanted):
         if todo and by.are_used:
-            require_built_in(animation.job.scenes[0].settings.kernel)
+            require_built_in(animation.job.settings.kernel)
             how.check_supported("workers", "frames that are drawn by this process", "--workers")
             with by.connected(None if quiet else print) as client:
-                draw_frames(client, animation, frames, todo, by.drawing, quiet)
+                drawn = animation.drawn_on_workers(client, frames, todo, by.drawing)
+                _write(frames, drawn, len(todo), quiet, alike=False)
         elif todo:
             with how.renderer() as renderer:
-                animation.draw(renderer, frames, todo, quiet, how.explain)
+                drawn = animation.drawn_here(renderer, frames, todo, how.explain)
+                _write(frames, drawn, len(todo), quiet, alike=True)
         _join(animation, frames, fps)
     return [frames.movie] if frames.movie else [frames.path(n) for n in wanted], len(wanted) - len(todo)
+
+
+def _write(frames: Frames, drawn: Iterator[tuple[int, bytes, list[str]]], count: int, quiet: bool, alike: bool) -> None:
+    """Writes frames as they are drawn; prints the notes on the first. count: of all. alike: as of `progress_bar`."""
+    with progress_bar("frame", quiet, alike) as progress:
+        for done, (n, data, notes) in enumerate(drawn, 1):
+            print_lines(notes, quiet or done > 1)
+            write_file(frames.path(n), data)
+            progress(done, count)
 
 
 @contextmanager

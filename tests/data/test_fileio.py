@@ -90,7 +90,7 @@ def test_names_as_long_as_file_systems_have(tmp_path: Path, name: str, letter: s
 def test_long_names_of_movies_and_frames(tmp_path: Path) -> None:
     """Frames lie in a folder beside a movie, and what a killed run left of them is found again."""
     frames = Frames.at(str(tmp_path / ("m" * 246 + ".gif")), "mark")
-    frames.write(3, b"data")
+    write_file(frames.path(3), b"data")
     left = frames.path(3).with_name(f".{shorten_name(frames.path(3).name)}.abcdefgh")
     left.write_bytes(b"half")
     frames.sweep([3])
