@@ -415,19 +415,19 @@ class FrameJob:
         self, renderer: Renderer, frames: Frames, subject: FrameSubject, view: FrameView, explain: bool
     ) -> tuple[bytes, list[str]]:
         """The file of a frame, and notes on settings that do not change it. explain: prints its plan."""
-        over, ground = self.annotations, self.settings.ground
+        over, ground, content = self.annotations, self.settings.ground, subject.content
         settings = without_background(self.settings, over.names if over else ())
         motion = view.motion if subject.flow is None else view.motion and replace(view.motion, flow=subject.flow)
-        if explain and isinstance(subject.content, Bricks):
+        if explain and isinstance(content, Bricks):
             from splatgl.gl.large_volumes import plan_moving_bricks
 
-            print(plan_moving_bricks(renderer, subject.content, view.camera, settings, motion).explain())
+            print(plan_moving_bricks(renderer, content, view.camera, settings, motion).explain())
         elif explain:
             clipped = replace(settings, clip=subject.clip)
-            print(renderer.plans(subject.content, view.camera, clipped, motion).explain())
+            print(renderer.plans(content, view.camera, clipped, motion).explain())
         image = self._render(renderer, subject, view.camera, settings, motion)
         # those on its layers are printed where they are read; the parts of a picture in bricks do not know what moves
-        is_whole, told = not isinstance(subject.content, Bricks), getattr(subject.content, "notes", ())
+        is_whole, told = not isinstance(content, Bricks), getattr(content, "notes", ())
         notes = [note for note in image.notes if is_whole and note not in told]
         if self.top is not None and frames.path(view.frame).suffix.lower() == ".png":
             image = scale_xray(image, self.top)
