@@ -260,10 +260,11 @@ def _mark_of(job: FrameJob, transfer: Transfer, track: Track, count: int, hold: 
     files = [(file.volume, size, file.load) for file, size in zip(job.scenes, sizes, strict=True)]
     cameras = [track.camera(n) for n in {0, count // 2, count - 1}]
     views = [(c.eye.tolist(), c.eye_from_world.tolist(), c.size, c.extent, c.perspective) for c in cameras]
-    drawn = first.settings, first.threshold, transfer.to_toml(), first.look
-    added = *first.layers, *first.meshes, *non_default(first.vectors).items(), first.surfaces, *first.slice_planes
+    surfaces = () if first.surfaces is None else (first.surfaces,)
+    added = *first.layers, *first.meshes, *non_default(first.vectors).items(), *surfaces, *first.slice_planes
+    drawn = first.settings, first.threshold, transfer.to_toml(), first.look, *added, *(first.mask or ())
     names = job.annotations.names if job.annotations else ()
-    parts = files, *drawn, *added, first.mask, views, count, hold, job.flow, job.bits, *names
+    parts = files, drawn, views, count, hold, job.flow, job.bits, *names
     return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:DIGITS]
 
 
@@ -422,7 +423,7 @@ class FrameJob:
             from splatgl.gl.large_volumes import plan_moving_bricks
 
             print(plan_moving_bricks(renderer, content, view.camera, settings, motion).explain())
-        elif explain:
+        elif explain and not isinstance(content, Bricks):
             clipped = replace(settings, clip=subject.clip)
             print(renderer.plans(content, view.camera, clipped, motion).explain())
         image = self._render(renderer, subject, view.camera, settings, motion)
