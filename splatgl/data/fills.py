@@ -1,4 +1,4 @@
-"""Numbers that by custom stand for no value."""
+"""Numbers that by custom stand for no value, and distinct values."""
 
 from __future__ import annotations
 
@@ -67,3 +67,8 @@ def is_nines(size: float) -> bool:
 def format_numbers(numbers: Sequence[float]) -> str:
     """The text of numbers in a sentence."""
     return " and ".join(f"{number:.7g}" for number in numbers)
+
+
+def distinct(values: np.ndarray) -> np.ndarray:
+    """The distinct values, ascending. Without counts, numpy imports its masked arrays, which takes 30 ms."""
+    return np.unique(values, return_counts=True)[0]

@@ -8,11 +8,12 @@ normal, to a depth of FACE voxels.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from numbers import Real
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from splatgl.data.affine import Change, metres_in
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.splat.grid import corners_of
-from splatgl.splat.splats import LatestParts
 
 if TYPE_CHECKING:
     from splatgl.splat.grid import Grid
@@ -41,6 +41,24 @@ ON_PLANE = 1e-12
 
 # n_x, n_y, n_z, d: keeps the points x with n · x ≥ d, world units; n is a unit vector
 Plane = tuple[float, float, float, float]
+
+
+class LatestParts:
+    """Cache of the latest part of each set of splats; an entry lives as long as its set."""
+
+    def __init__(self) -> None:
+        # None stands for all splats: an entry that refers to its own set would never be freed
+        self._kept: WeakKeyDictionary[Splats, tuple[object, Splats | None]] = WeakKeyDictionary()
+
+    def of(self, splats: Splats, key: object, keeps: Callable[[], np.ndarray]) -> Splats:
+        """The splats where `keeps()` [N] is True; calls it again only if `key` changes."""
+        latest = self._kept.get(splats)
+        if latest is None or latest[0] != key:
+            mask = keeps()
+            latest = self._kept[splats] = key, None if mask.all() else splats.part(mask)
+        return splats if latest[1] is None else latest[1]
+
+
 # cache: splats that the latest planes keep
 _latest = LatestParts()
 

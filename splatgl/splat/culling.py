@@ -12,11 +12,12 @@ from itertools import combinations, product
 import numpy as np
 
 from splatgl.splat.camera import Camera
+from splatgl.splat.clipping import LatestParts
 from splatgl.splat.hidden_interior import least_around
 from splatgl.splat.kernels import kernel
 from splatgl.splat.motion import Exposure
 from splatgl.splat.resolve import Resolved
-from splatgl.splat.splats import LatestParts, Splats
+from splatgl.splat.splats import Splats
 from splatgl.splat.view import GridView, centres_between, tangents
 
 # rounding: a splat behind the plane by less than this share of its distance from the eye counts as on the plane

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.arrays import Changed, missing_type
-from splatgl.data.fills import TIMES_LARGER, custom_fills, format_numbers, inner_range, is_nines
+from splatgl.data.fills import TIMES_LARGER, custom_fills, distinct, format_numbers, inner_range, is_nines
 from splatgl.data.volume import MOST_SCANNED, Volume
-from splatgl.splat.grid import distinct
 from splatgl.splat.label_detection import AMOUNTS, LABELS, kind_of
 
 # ends of integers without sign, and the largest with one

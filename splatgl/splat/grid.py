@@ -60,11 +60,6 @@ def columns(splats: Splats) -> Lattice:
     return Lattice((1, 0, 2), index, plane, plane_start, row_x, row_start, z)
 
 
-def distinct(values: np.ndarray) -> np.ndarray:
-    """The distinct values, ascending. Without counts, numpy imports its masked arrays, which takes 30 ms."""
-    return np.unique(values, return_counts=True)[0]
-
-
 def index_rows(y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(row_z, row_y, row_start) from the splats' cell y and z in row order."""
     if not len(y):

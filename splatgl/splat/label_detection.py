@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from splatgl.data.fills import distinct
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.splat.grid import distinct
 
 # largest distance from whole numbers of values that are taken for them: scaled integers are off by half the scale
 ROUNDING = 0.02

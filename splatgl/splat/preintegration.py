@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from splatgl.splat.grid import distinct
+from splatgl.data.fills import distinct
 from splatgl.splat.iso import ABOVE
 from splatgl.splat.regions import OPAQUE, mean_matter
 from splatgl.splat.transfer import Transfer

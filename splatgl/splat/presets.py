@@ -8,21 +8,23 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from splatgl.coercion import public
+from splatgl.data.fills import distinct
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.readers.common import FIELD, is_field
 from splatgl.splat.colormaps import base_name, labels_of, select_labels
-from splatgl.splat.grid import distinct
 from splatgl.splat.label_detection import LABELS, MASK, kind_of
-from splatgl.splat.settings import Blend
 from splatgl.splat.statistics import Cut, Ground, Statistics, sorted_percentile, statistics
 from splatgl.splat.transfer import Nodes, Transfer
+
+if TYPE_CHECKING:
+    from splatgl.splat.settings import Blend
 
 # opacities of a surface just above its cut, of the brightest values, and of single-valued objects
 SURFACE, CORE, SOLID = 0.8, 0.95, 0.99

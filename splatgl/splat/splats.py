@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, ClassVar, TypeVar
-from weakref import WeakKeyDictionary, ref
+from weakref import ref
 
 import numpy as np
 
@@ -51,22 +51,6 @@ class Same:
 
     def __hash__(self) -> int:
         return self.number
-
-
-class LatestParts:
-    """Cache of the latest part of each set of splats; an entry lives as long as its set."""
-
-    def __init__(self) -> None:
-        # None stands for all splats: an entry that refers to its own set would never be freed
-        self._kept: WeakKeyDictionary[Splats, tuple[object, Splats | None]] = WeakKeyDictionary()
-
-    def of(self, splats: Splats, key: object, keeps: Callable[[], np.ndarray]) -> Splats:
-        """The splats where `keeps()` [N] is True; calls it again only if `key` changes."""
-        latest = self._kept.get(splats)
-        if latest is None or latest[0] != key:
-            mask = keeps()
-            latest = self._kept[splats] = key, None if mask.all() else splats.part(mask)
-        return splats if latest[1] is None else latest[1]
 
 
 Result = TypeVar("Result")

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from splatgl.data.fills import distinct
 from splatgl.data.volume import Volume
 from splatgl.splat.far_values import Far, far_values, without_far
-from splatgl.splat.grid import distinct
 
 # least number of samples to measure noise
 LEAST = 4096

@@ -16,14 +16,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from splatgl.splat.camera import Camera
 from splatgl.splat.grid import Grid, ranges
-from splatgl.splat.kernels import Kernel
-from splatgl.splat.splats import Splats
+
+if TYPE_CHECKING:
+    from splatgl.splat.kernels import Kernel
+    from splatgl.splat.splats import Splats
 
 
 class Ellipse(NamedTuple):
