@@ -13,10 +13,10 @@ from typing import Any
 from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.cli.main import COMMANDS, _parser
 from splatgl.options import declared
+from splatgl.planning.technique import TECHNIQUES, table_of_refusals
 from splatgl.report.page import registry
 from splatgl.report.tables import Table
 from splatgl.splat.settings import Settings
-from splatgl.splat.technique import TECHNIQUES, table_of_refusals
 from splatgl.viewer import commands
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -30,7 +30,7 @@ from splatgl.scene.scene_file import ANIMATION, LAYER, PLAIN, TABLES
 from splatgl.scene.transfer_choice import TransferChoice
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 API = Path(sg.__file__).parent / "docs" / "api.md"
 TARGET = Path(__file__).parents[1] / "tests" / "docs" / "public_names.txt"

@@ -25,7 +25,7 @@ import splatgl as sg
 from splatgl.data.volume import Label
 from splatgl.gl.program import Chosen, Programs
 from splatgl.gl.shader import SHAPES, Shape, compose, declared_switches
-from splatgl.splat.plan import Plan, Program
+from splatgl.planning.plan import Plan, Program
 from splatgl.splat.sheets import NearField
 
 SIZE = (32, 24)

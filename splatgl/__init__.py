@@ -34,8 +34,14 @@ if TYPE_CHECKING:
     from splatgl.distributed.render import over as over
     from splatgl.distributed.render import render_slabs as render_slabs
     from splatgl.errors import InputError as InputError
+    from splatgl.geometry.camera import Camera as Camera
+    from splatgl.geometry.scissors import Scissors as Scissors
+    from splatgl.geometry.slices import Slice as Slice
     from splatgl.gl.renderer import Renderer as Renderer
     from splatgl.gl.target import Interrupted as Interrupted
+    from splatgl.planning.plan import plan as plan
+    from splatgl.planning.scene import Layer as Layer
+    from splatgl.planning.scene import Scene as Scene
     from splatgl.readers import load as load
     from splatgl.readers.meshes import load_mesh as load_mesh
     from splatgl.reference.check import check as check
@@ -47,51 +53,45 @@ if TYPE_CHECKING:
     from splatgl.scene.groups import Light as Light
     from splatgl.scene.groups import Look as Look
     from splatgl.scene.groups import View as View
-    from splatgl.splat.camera import Camera as Camera
     from splatgl.splat.extract import extract as extract
     from splatgl.splat.kernels import PiecewiseCubic as PiecewiseCubic
     from splatgl.splat.kernels import register_kernel as register_kernel
     from splatgl.splat.motion import Motion as Motion
-    from splatgl.splat.plan import plan as plan
-    from splatgl.splat.presets import default_transfer as default_transfer
-    from splatgl.splat.presets import preset as preset
-    from splatgl.splat.presets import presets as presets
-    from splatgl.splat.regions import Region as Region
-    from splatgl.splat.scene import Layer as Layer
-    from splatgl.splat.scene import Scene as Scene
-    from splatgl.splat.scissors import Scissors as Scissors
     from splatgl.splat.segment_surfaces import surfaces as surfaces
     from splatgl.splat.settings import Settings as Settings
-    from splatgl.splat.slices import Slice as Slice
     from splatgl.splat.splats import Splats as Splats
-    from splatgl.splat.transfer import Transfer as Transfer
-    from splatgl.splat.transfer_nodes import opacity_curve as opacity_curve
     from splatgl.splat.vector_field import arrows as arrows
     from splatgl.splat.vector_field import directions as directions
     from splatgl.splat.vector_field import magnitudes as magnitudes
     from splatgl.splat.vector_field import streamlines as streamlines
+    from splatgl.transfer.presets import default_transfer as default_transfer
+    from splatgl.transfer.presets import preset as preset
+    from splatgl.transfer.presets import presets as presets
+    from splatgl.transfer.regions import Region as Region
+    from splatgl.transfer.transfer import Transfer as Transfer
+    from splatgl.transfer.transfer_nodes import opacity_curve as opacity_curve
     from splatgl.viewer.show import show as show
 
 # public name → module, imported on first use, so that a command imports only what it needs
 _PUBLIC = {
     **dict.fromkeys(("Check", "Cuts", "Light", "Look", "View"), "splatgl.scene.groups"),
-    "Camera": "splatgl.splat.camera",
+    "Camera": "splatgl.geometry.camera",
     "Image": "splatgl.data.image",
     "InputError": "splatgl.errors",
     "Interrupted": "splatgl.gl.target",
     "PiecewiseCubic": "splatgl.splat.kernels",
     "Mesh": "splatgl.data.mesh",
     "Label": "splatgl.data.volume",
-    "Layer": "splatgl.splat.scene",
+    "Layer": "splatgl.planning.scene",
     "Motion": "splatgl.splat.motion",
-    "Region": "splatgl.splat.regions",
+    "Region": "splatgl.transfer.regions",
     "Renderer": "splatgl.gl.renderer",
-    "Scene": "splatgl.splat.scene",
-    "Scissors": "splatgl.splat.scissors",
+    "Scene": "splatgl.planning.scene",
+    "Scissors": "splatgl.geometry.scissors",
     "Settings": "splatgl.splat.settings",
-    "Slice": "splatgl.splat.slices",
+    "Slice": "splatgl.geometry.slices",
     "Splats": "splatgl.splat.splats",
-    "Transfer": "splatgl.splat.transfer",
+    "Transfer": "splatgl.transfer.transfer",
     "Volume": "splatgl.data.volume",
     "animate": "splatgl.animation.api",
     "annotated": "splatgl.annotations.annotate",
@@ -103,15 +103,15 @@ _PUBLIC = {
     "compare": "splatgl.comparison.compare",
     "judge": "splatgl.comparison.settings",
     "depth_map": "splatgl.scene.api",
-    "default_transfer": "splatgl.splat.presets",
+    "default_transfer": "splatgl.transfer.presets",
     "extract": "splatgl.splat.extract",
     "load": "splatgl.readers",
     "load_mesh": "splatgl.readers.meshes",
     "pick": "splatgl.reference.pick",
-    "plan": "splatgl.splat.plan",
-    "preset": "splatgl.splat.presets",
-    "presets": "splatgl.splat.presets",
-    "opacity_curve": "splatgl.splat.transfer_nodes",
+    "plan": "splatgl.planning.plan",
+    "preset": "splatgl.transfer.presets",
+    "presets": "splatgl.transfer.presets",
+    "opacity_curve": "splatgl.transfer.transfer_nodes",
     "over": "splatgl.distributed.render",
     "render": "splatgl.scene.api",
     "render_slabs": "splatgl.distributed.render",

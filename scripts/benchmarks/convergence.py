@@ -13,15 +13,15 @@ import numpy as np
 
 from splatgl import reference
 from splatgl.data.scenes import ball
+from splatgl.geometry.camera import Camera
 from splatgl.gl.renderer import Renderer
 from splatgl.reference.field import field_integral
 from splatgl.reference.ray_integral import ray_integral
 from splatgl.report.tables import Table
-from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.settings import Footprint, Settings
 from splatgl.splat.splats import Splats
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 # radius of a ball in world units, its distance, and the angle of view
 RADIUS, DISTANCE, FOV = 10.0, 40.0, 36.0

@@ -28,9 +28,9 @@ from rows import tell
 from vtk_peers import Peer
 
 import splatgl as sg
+from splatgl.planning.resolve import extract_for_settings
 from splatgl.report.plots import BLACK, BLUE, GRAY, RED, encode, sheet, style
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.resolve import extract_for_settings
 
 # voxels a side against pixels, pixels a side against voxels
 SIDE, SIZE = 256, 512

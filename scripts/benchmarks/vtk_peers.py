@@ -20,10 +20,10 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, missing_extra
-from splatgl.splat.camera import Camera
+from splatgl.geometry.camera import Camera
 from splatgl.splat.lighting import AMBIENT, DIFFUSE
 from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 MAPPERS = {"cpu": "vtkFixedPointVolumeRayCastMapper", "gpu": "vtkGPUVolumeRayCastMapper"}
 # samples along a ray for each voxel

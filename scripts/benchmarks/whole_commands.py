@@ -31,11 +31,11 @@ from PIL import Image
 from rows import tell
 
 from splatgl.data.color import linear_from_srgb
+from splatgl.planning.resolve import select_splats
 from splatgl.reference.field import kept_field_integral
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.lighting import AMBIENT, DIFFUSE
-from splatgl.splat.resolve import select_splats
 
 FILES = (
     "tooth.nhdr",

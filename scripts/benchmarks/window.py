@@ -21,7 +21,7 @@ from pathlib import Path
 from splatgl.gl.renderer import Renderer
 from splatgl.options import Kind
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.document import Document
 from splatgl.viewer.tool import Pointer
 from splatgl.viewer.viewer import Options, Viewer

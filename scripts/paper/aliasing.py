@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.splat.camera import Camera
-from splatgl.splat.grid import Grid
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.grid import Grid
+from splatgl.planning.ordering import order_for
 from splatgl.splat.kernels import kernel
 from splatgl.splat.motion import Draw
 from splatgl.splat.motion_blur import line_area
-from splatgl.splat.ordering import order_for
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats, as_points
 

@@ -13,11 +13,11 @@ from paper.figures.footprint_errors import ALL, Form, Peak, Space, maximum
 from paper.figures.paper_setup import straight_ahead
 
 from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
 from splatgl.options import declared
-from splatgl.splat.camera import Camera
+from splatgl.planning.resolve import PRE_KERNEL, voxel_kernel
 from splatgl.splat.footprint import Splat, half_line, row1
 from splatgl.splat.kernels import Kernel, kernel
-from splatgl.splat.resolve import PRE_KERNEL, voxel_kernel
 from splatgl.splat.settings import Settings
 
 WHAT = {

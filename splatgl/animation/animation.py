@@ -25,25 +25,25 @@ from splatgl.data.image import Image
 from splatgl.distributed.worker import Drawing, keep_latest, renderer
 from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name
+from splatgl.geometry.camera import Bounded, Camera
 from splatgl.options import Group, Kind, check_options, non_default, option
+from splatgl.planning.bricks import Bricks, bricks_of, excess_need, required_bricks
+from splatgl.planning.ordering import order_for
+from splatgl.planning.resolve import has_streaks
+from splatgl.planning.scene import Scene, moments_per_frame
 from splatgl.scene.open_scene import OpenScene, provenance_of, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FIT_ALL, FIT_OF_0_3
-from splatgl.splat.bricks import Bricks, bricks_of, excess_need, required_bricks
-from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.motion import Motion, flow_of
-from splatgl.splat.ordering import order_for
-from splatgl.splat.resolve import has_streaks
-from splatgl.splat.scene import Scene, moments_per_frame
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 if TYPE_CHECKING:
     from distributed import Client
 
+    from splatgl.geometry.clipping import Plane
     from splatgl.gl.renderer import Renderer
-    from splatgl.splat.clipping import Plane
 
 
 FULL_TURN = 360.0

@@ -20,7 +20,7 @@ from splatgl.scene.groups import ungrouped, with_groups
 from splatgl.scene.scene_file import TRACK, SceneFile
 from splatgl.splat.kernels import require_built_in
 from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.keywords import AnimateKeywords

@@ -26,9 +26,9 @@ import numpy as np
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import load_table
+from splatgl.geometry.camera import Bounded, Camera, cross_matrix
 from splatgl.options import checked, declared, names_of
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.camera import Bounded, Camera, cross_matrix
 from splatgl.splat.motion import Motion
 
 EASES, PATHS = ("smooth", "linear"), ("straight", "orbit")

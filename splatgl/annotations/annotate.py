@@ -20,8 +20,8 @@ from splatgl.data.image import Image
 from splatgl.data.image_files import density
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.splat.camera import Camera
-from splatgl.splat.transfer import Transfer
+from splatgl.geometry.camera import Camera
+from splatgl.transfer.transfer import Transfer
 
 # smallest side of an annotated image, pixels
 LEAST_SIDE = 64

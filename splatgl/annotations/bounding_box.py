@@ -17,7 +17,7 @@ from splatgl.annotations.canvas import (
 )
 from splatgl.annotations.scale_bar import in_digits, ticks
 from splatgl.data.volume import Axis
-from splatgl.splat.camera import Camera
+from splatgl.geometry.camera import Camera
 
 # ends of the edges along grid x, y and z as indices of corners; corner 4z + 2y + x
 EDGES = tuple(tuple((n, n + step) for n in range(8) if not n & step) for step in (1, 2, 4))

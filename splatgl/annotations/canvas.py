@@ -17,9 +17,9 @@ from splatgl.data.figure import HALO_ALPHA, AreaMark, Halo, LinesMark, Mark, Pat
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Axis, Triple, Volume
 from splatgl.errors import error_prefix, expected
+from splatgl.geometry.camera import Camera
 from splatgl.options import Kind, check_options, declared, option, refuse_unknown
-from splatgl.splat.camera import Camera
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 # font height as a fraction of the smaller side, and its minimum in pixels
 FONT_SHARE, LEAST_FONT = 0.026, 11

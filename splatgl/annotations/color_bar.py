@@ -11,8 +11,8 @@ import numpy as np
 from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Rect, Scale
 from splatgl.annotations.scale_bar import log_ticks, ticks
 from splatgl.data.color import Color
-from splatgl.splat.colormaps import colormap
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.colormaps import colormap
+from splatgl.transfer.transfer import Transfer
 
 # the bar's height as a fraction of the image's; widths of the bar and the curve in font heights
 TALL, WIDE, CURVE = 0.45, 0.9, 1.6

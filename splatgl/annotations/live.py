@@ -11,8 +11,8 @@ import numpy as np
 from splatgl.annotations.annotate import check, compose, draw_behind
 from splatgl.annotations.canvas import BLACK, AnnotationView, Canvas, Subject, Touched, ink_on
 from splatgl.data.color import Color, srgb_from_linear
-from splatgl.splat.camera import Camera
-from splatgl.splat.transfer import Transfer
+from splatgl.geometry.camera import Camera
+from splatgl.transfer.transfer import Transfer
 
 # entries of the table from linear light to sRGB: only the darkest few 8-bit steps are missed
 STEPS = 4096

@@ -9,7 +9,7 @@ import numpy as np
 
 from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Rect, Subject
 from splatgl.data.affine import METRES, metres_in, unit_name
-from splatgl.splat.camera import Camera
+from splatgl.geometry.camera import Camera
 
 # longest bar as a fraction of the image's width
 WIDEST = 0.25

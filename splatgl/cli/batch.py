@@ -21,8 +21,8 @@ from splatgl.scene.open_scene import OpenScene, look_notes, series_look
 if TYPE_CHECKING:
     from splatgl.data.affine import World
     from splatgl.distributed.worker import Drawing
+    from splatgl.geometry.camera import Camera
     from splatgl.scene.scene_file import SceneFile
-    from splatgl.splat.camera import Camera
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume, triple, with_parts
 from splatgl.errors import expected
 from splatgl.fileio import check_source
+from splatgl.geometry.clipping import crop_ends
 from splatgl.options import declared
 from splatgl.readers import load
 from splatgl.scene.open_scene import print_notes
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.clipping import crop_ends
 from splatgl.writers import TARGETS, find_target, save
 
 

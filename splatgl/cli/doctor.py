@@ -16,20 +16,20 @@ from splatgl.data.mesh import Mesh
 from splatgl.data.scenes import ball
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import InputError
+from splatgl.geometry.camera import Camera
 from splatgl.gl.context import ContextInfo, context_info, egl_devices, open_context
 from splatgl.gl.renderer import Renderer, open_renderer
 from splatgl.gl.selfcheck import Check, run_checks
 from splatgl.opengl import OpenGL
+from splatgl.planning.bricks import required_bricks
+from splatgl.planning.scene import Layer, Scene
 from splatgl.platforms import BACKENDS
 from splatgl.readers import load
 from splatgl.readers.contents import identify
-from splatgl.splat.bricks import required_bricks
-from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.motion import Motion
-from splatgl.splat.presets import default_transfer
-from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import Settings, Technique
+from splatgl.transfer.presets import default_transfer
 
 PACKAGES = ("splatgl", "moderngl", "numpy", "glfw", "pyrr", "Pillow")
 # largest error of a correct driver; voxels across the ball, and pixels a side

@@ -22,9 +22,9 @@ from splatgl.scene.meshes import VECTORS, MeshFile, Vectors, is_mesh
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import TransferChoice
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.presets import ALIASES, PRESETS
 from splatgl.splat.settings import LIKE, Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.presets import ALIASES, PRESETS
+from splatgl.transfer.transfer import Transfer
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

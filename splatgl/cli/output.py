@@ -20,7 +20,7 @@ from splatgl.fileio import check_output, check_source
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV
-from splatgl.splat.transfer import EXTENT, Transfer
+from splatgl.transfer.transfer import EXTENT, Transfer
 
 # points of a transfer function that fit in a line; of more, the first and the last are listed
 SHOWN = 3

@@ -16,15 +16,15 @@ from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
 from splatgl.scene.open_scene import OpenScene, print_notes, with_background
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.presets import PRESETS, default_transfer, preset
 from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.presets import PRESETS, default_transfer, preset
+from splatgl.transfer.transfer import Transfer
 
 if TYPE_CHECKING:
     from PIL.Image import Image as Picture
 
+    from splatgl.geometry.camera import Camera
     from splatgl.gl.renderer import Renderer
-    from splatgl.splat.camera import Camera
 
 
 # pixels of an image's side by default, of a label's height and of its letters; images in a row

@@ -21,8 +21,8 @@ from splatgl.errors import expected, missing_extra
 from splatgl.fileio import atomic_folder, check_folder
 from splatgl.scene.open_scene import print_notes
 from splatgl.splat.extract import extract
-from splatgl.splat.regions import OPAQUE, extinction_of
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.regions import OPAQUE, extinction_of
+from splatgl.transfer.transfer import Transfer
 from splatgl.writers import ome
 from splatgl.writers.ome import describe_levels, finer_box, level_boxes, level_grids
 

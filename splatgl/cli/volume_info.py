@@ -14,11 +14,11 @@ from splatgl.cli.parser import one_line
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError
 from splatgl.fileio import budget, format_bytes
+from splatgl.planning.bricks import bricks_of, estimate_need, excess_need, needed_together
+from splatgl.planning.scene import channel_transfers
 from splatgl.readers.common import is_mapped
-from splatgl.splat.bricks import bricks_of, estimate_need, excess_need, needed_together
-from splatgl.splat.presets import default_transfer
-from splatgl.splat.scene import channel_transfers
 from splatgl.splat.settings import Settings
+from splatgl.transfer.presets import default_transfer
 
 # columns of the page, for terminals of 80 columns
 WIDTH = 78

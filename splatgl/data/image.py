@@ -37,7 +37,7 @@ from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_file, require_memory, write_file
 
 if TYPE_CHECKING:
-    from splatgl.splat.camera import Camera
+    from splatgl.geometry.camera import Camera
 
 # endings of the files that `Image.save` writes
 SAVED = (".png", ".npy", *JPEG, *TIFF, *EXR, *VECTOR)
@@ -110,7 +110,7 @@ class Image:
     @property
     def camera(self) -> Camera:
         """The camera that the picture was drawn by. Raises InputError for other pictures."""
-        from splatgl.splat.camera import Camera
+        from splatgl.geometry.camera import Camera
 
         info: Any = self.info
         if "extent" not in info:

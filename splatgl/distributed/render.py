@@ -19,18 +19,18 @@ from splatgl.distributed.cluster import spread
 from splatgl.distributed.worker import Drawing, call, keep_latest, renderer
 from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, call_within, parse_bytes
+from splatgl.geometry.camera import Camera
+from splatgl.planning.bricks import Bricks, Shell, required_bricks
+from splatgl.planning.resolve import extract_for_settings
 from splatgl.readers import load
-from splatgl.splat.bricks import Bricks, Shell, required_bricks
-from splatgl.splat.camera import Camera
 from splatgl.splat.motion import Motion
-from splatgl.splat.resolve import extract_for_settings
 from splatgl.splat.settings import COMBINE, Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 if TYPE_CHECKING:
     from distributed import Client
 
-    from splatgl.splat.plan import Plan
+    from splatgl.planning.plan import Plan
     from splatgl.splat.splats import Splats
 
 
@@ -265,7 +265,7 @@ def _shells(job: WorkerJob, sent: Volume | None, count: int) -> tuple[str, list[
 
 def _part(job: WorkerJob, sent: Volume | None, shell: Shell) -> PicturePart:
     """Draws a part of the picture, on a worker."""
-    from splatgl.splat.bricks import estimate_need
+    from splatgl.planning.bricks import estimate_need
 
     bricks, chosen = _planned(job, sent)
     assert chosen.resolved.sheets is not None

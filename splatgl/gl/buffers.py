@@ -13,9 +13,9 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.shader import ABREAST
-from splatgl.splat.clusters import Clusters
-from splatgl.splat.culling import block_boxes
-from splatgl.splat.ordering import Order, back_to_front
+from splatgl.planning.clusters import Clusters
+from splatgl.planning.culling import block_boxes
+from splatgl.planning.ordering import Order, back_to_front
 from splatgl.splat.splats import MOST_KEPT, Splats
 
 # cache limits: entries, and bytes of the records of all entries but the latest

@@ -14,12 +14,12 @@ import moderngl
 import numpy as np
 
 from splatgl.errors import expected
+from splatgl.geometry.clipping import MOST_CLIPS
 from splatgl.gl.uniforms import base_of
-from splatgl.splat.clipping import MOST_CLIPS
-from splatgl.splat.iso import MOST_ISO
-from splatgl.splat.plan import Plan, Program
-from splatgl.splat.regions import MOST_REGIONS
+from splatgl.planning.plan import Plan, Program
 from splatgl.splat.splats import Splats
+from splatgl.transfer.iso import MOST_ISO
+from splatgl.transfer.regions import MOST_REGIONS
 
 Uniforms = dict[str, object]
 # stands for no limit of values or gradients in float32

@@ -18,17 +18,17 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume, zyx_index
 from splatgl.errors import expected
 from splatgl.fileio import PROCESS, budget, byte_count, format_bytes, held_within_budget, within
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.grid import Grid
 from splatgl.gl.renderer import Renderer
+from splatgl.planning.bricks import EACH, Bricks, bricks_of, excess_need, spread_places
+from splatgl.planning.plan import Blurred, Plan
+from splatgl.planning.resolve import check_blur_supported, extract_for_settings
 from splatgl.readers import load
-from splatgl.splat.bricks import EACH, Bricks, bricks_of, excess_need, spread_places
-from splatgl.splat.camera import Camera
-from splatgl.splat.grid import Grid
 from splatgl.splat.motion import Moments, Motion
-from splatgl.splat.plan import Blurred, Plan
-from splatgl.splat.resolve import check_blur_supported, extract_for_settings
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 # boxes to compare; places, and bytes of the finest level, to search for them, as many are empty and losses are rare
 BOXES, PLACES, MOST_READ = 8, 512, 1 << 28

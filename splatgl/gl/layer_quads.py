@@ -15,6 +15,7 @@ from typing import NamedTuple, Protocol
 import moderngl
 import numpy as np
 
+from splatgl.geometry.grid import corners_of
 from splatgl.gl.buffers import Instances, free, texel_texture, uneven
 from splatgl.gl.device import Device
 from splatgl.gl.features import feature_uniforms
@@ -25,9 +26,8 @@ from splatgl.gl.sheet_quads import Group, SheetQuads, sort_by_number
 from splatgl.gl.target import Portions, Target, settle
 from splatgl.gl.tiles import bands_of
 from splatgl.gl.uniforms import base_of
-from splatgl.splat.culling import Window
-from splatgl.splat.grid import corners_of
-from splatgl.splat.plan import Plan
+from splatgl.planning.culling import Window
+from splatgl.planning.plan import Plan
 from splatgl.splat.settings import BLENDS
 from splatgl.splat.sheets import NearField, index_direction
 from splatgl.splat.splats import Splats

@@ -15,13 +15,13 @@ import numpy as np
 
 from splatgl.data.mesh import Mesh, Texture
 from splatgl.errors import InputError
+from splatgl.geometry.camera import Camera
 from splatgl.gl.buffers import free, texel_texture
 from splatgl.gl.device import Device
 from splatgl.gl.program import cover, set_uniforms, use_blend
 from splatgl.gl.target import Target, check_size, settle
-from splatgl.splat.camera import Camera
-from splatgl.splat.colormaps import map_places, map_tables
 from splatgl.splat.settings import BLENDS
+from splatgl.transfer.colormaps import map_places, map_tables
 
 # texture units of the nearest and farthest depths; volumes use the lower units
 NEAREST_UNIT, FARTHEST_UNIT = 16, 17

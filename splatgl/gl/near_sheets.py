@@ -10,7 +10,7 @@ import numpy as np
 from splatgl.gl.buffers import free
 from splatgl.gl.program import Programs, cover, set_uniforms
 from splatgl.gl.textures import Tables
-from splatgl.splat.plan import Plan
+from splatgl.planning.plan import Plan
 from splatgl.splat.sheets import NearField
 
 # texture units

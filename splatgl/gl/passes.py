@@ -26,10 +26,10 @@ from splatgl.gl.spared_tiles import AdaptiveSamples, SingleSamples
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.tiles import SplatTiles, Tiles
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
-from splatgl.splat.culling import Window, clip_behind_eye, visible_boxes
-from splatgl.splat.ordering import order_for
-from splatgl.splat.plan import Plan
-from splatgl.splat.resolve import END_CORRECTION
+from splatgl.planning.culling import Window, clip_behind_eye, visible_boxes
+from splatgl.planning.ordering import order_for
+from splatgl.planning.plan import Plan
+from splatgl.planning.resolve import END_CORRECTION
 from splatgl.splat.splats import Splats
 
 # names of targets: of the picture, of the matter between two surfaces, and of a layer

@@ -12,8 +12,8 @@ import numpy as np
 from splatgl.gl.features import FIELD_UNITS, features_of
 from splatgl.gl.shader import ShaderError, Shape, compose, declared_switches
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING
+from splatgl.planning.plan import Program
 from splatgl.splat.kernels import kernel, polynomials, single_polynomial
-from splatgl.splat.plan import Program
 from splatgl.splat.settings import BlendMode
 
 Switches = Mapping[str, str | int | bool]

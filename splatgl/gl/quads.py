@@ -13,8 +13,8 @@ from splatgl.gl.meshes import Limits
 from splatgl.gl.program import set_uniforms, use_blend
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import BLUR_UNIT, HALF_LINE_UNIT
+from splatgl.planning.plan import Plan
 from splatgl.splat.motion import Exposure
-from splatgl.splat.plan import Plan
 from splatgl.splat.splats import MOST_KEPT, Splats
 
 CORNERS = 4

@@ -16,6 +16,7 @@ import numpy as np
 from splatgl.coercion import public
 from splatgl.data.image import Drawn, Image
 from splatgl.errors import InputError, expected
+from splatgl.geometry.camera import Camera
 from splatgl.gl.backends import ContextLost, hand_back
 from splatgl.gl.context import check_process, context_info, current, inherited, open_context
 from splatgl.gl.passes import Passes
@@ -23,17 +24,16 @@ from splatgl.gl.shader import choose_shape
 from splatgl.gl.sheet_tiles import Batches
 from splatgl.gl.target import check_size
 from splatgl.opengl import OpenGL
-from splatgl.splat.bricks import Bricks, IsVisible
-from splatgl.splat.camera import Camera
-from splatgl.splat.error_bound import bound
+from splatgl.planning.bricks import Bricks, IsVisible
+from splatgl.planning.error_bound import bound
+from splatgl.planning.plan import Plan, plan
+from splatgl.planning.resolve import why_per_splat
+from splatgl.planning.scene import Scene, ScenePlan, join_pictures, plan_scene
+from splatgl.planning.unused import unused_settings
 from splatgl.splat.extract_values import post_splats
 from splatgl.splat.motion import Moments, Motion, Shorter
-from splatgl.splat.plan import Plan, plan
-from splatgl.splat.resolve import why_per_splat
-from splatgl.splat.scene import Scene, ScenePlan, join_pictures, plan_scene
 from splatgl.splat.settings import FULL_SHUTTER, Settings
 from splatgl.splat.splats import Splats
-from splatgl.splat.unused import unused_settings
 
 # the finest form, table and target, to which coarser ones are compared
 FINER: dict[str, Any] = {

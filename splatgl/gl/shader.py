@@ -19,22 +19,10 @@ from types import ModuleType
 import numpy as np
 
 from splatgl.errors import expected
-from splatgl.splat import (
-    clipping,
-    clusters,
-    colormaps,
-    culling,
-    footprint,
-    iso,
-    mask_field,
-    motion,
-    motion_blur,
-    preintegration,
-    regions,
-    sheets,
-    splats,
-    technique,
-)
+from splatgl.geometry import clipping, mask_field
+from splatgl.planning import clusters, culling, technique
+from splatgl.splat import footprint, motion, motion_blur, sheets, splats
+from splatgl.transfer import colormaps, iso, preintegration, regions
 
 # a file; or a file for any of the switches on, and its twin without effect for all of them off
 INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"(?: if (\w+(?: or \w+)*) else "([^"]+)")?\s*$')

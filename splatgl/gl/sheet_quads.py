@@ -17,6 +17,8 @@ from typing import NamedTuple
 import moderngl
 import numpy as np
 
+from splatgl.geometry.grid import corners_of
+from splatgl.geometry.view import GridView
 from splatgl.gl.buffers import DrawOrder, Instances, free, texel_texture, uneven
 from splatgl.gl.device import Device
 from splatgl.gl.features import Uniforms
@@ -28,13 +30,11 @@ from splatgl.gl.target import Portions, Target, settle
 from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT
 from splatgl.gl.tiles import bands_of
 from splatgl.gl.uniforms import frame_block
-from splatgl.splat.culling import Window, screen_bounds
-from splatgl.splat.grid import corners_of
-from splatgl.splat.plan import Plan
+from splatgl.planning.culling import Window, screen_bounds
+from splatgl.planning.plan import Plan
 from splatgl.splat.settings import BLENDS, BlendMode
 from splatgl.splat.sheets import NearField, Sheets, index_direction
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import GridView
 
 # texture units of a sheet and the two sheets before it, and of the joined values
 UNITS = {

@@ -12,6 +12,8 @@ from typing import Any
 import moderngl
 import numpy as np
 
+from splatgl.geometry.grid import corners_of
+from splatgl.geometry.view import GridView
 from splatgl.gl.buffers import (
     Buffers,
     DrawOrder,
@@ -45,14 +47,12 @@ from splatgl.gl.tiles import (
     unlisted_tiles,
 )
 from splatgl.gl.uniforms import base_of
-from splatgl.splat.bricks import IsVisible, Shell
-from splatgl.splat.culling import Frustum, Window, blocks_in_frustum, screen_bounds, tiles_beside_box
-from splatgl.splat.grid import corners_of
-from splatgl.splat.plan import Plan
+from splatgl.planning.bricks import IsVisible, Shell
+from splatgl.planning.culling import Frustum, Window, blocks_in_frustum, screen_bounds, tiles_beside_box
+from splatgl.planning.plan import Plan
+from splatgl.planning.technique import COLUMNS, ROWS, batch_starts
 from splatgl.splat.sheets import NearField, index_direction
 from splatgl.splat.splats import Splats
-from splatgl.splat.technique import COLUMNS, ROWS, batch_starts
-from splatgl.splat.view import GridView
 
 # image units of the classification table and of the list; binding of the open sheets, and mark of a list whose tile has
 # stored ones

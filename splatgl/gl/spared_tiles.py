@@ -17,10 +17,10 @@ from splatgl.gl.program import cover, set_uniforms
 from splatgl.gl.sheet_tiles import MOST_PIXELS, Ordered, SheetTiles
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.tiles import Spec, bands_of, tile_counts
-from splatgl.splat.culling import Window
-from splatgl.splat.plan import Plan
+from splatgl.planning.culling import Window
+from splatgl.planning.plan import Plan
+from splatgl.planning.technique import COLUMNS, ROWS
 from splatgl.splat.splats import Splats
-from splatgl.splat.technique import COLUMNS, ROWS
 
 # most splats whose lists are kept for the second pass
 MOST_HELD = 2**22

@@ -15,7 +15,7 @@ import numpy as np
 from splatgl.errors import InputError, expected
 from splatgl.gl.buffers import free, texel_texture, uneven
 from splatgl.gl.context import is_software
-from splatgl.splat.culling import Window
+from splatgl.planning.culling import Window
 
 # target format → moderngl's dtype, numpy's dtype, and the stored value of 1.0
 FORMATS: dict[str, tuple[str, np.dtype, float]] = {

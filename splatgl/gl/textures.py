@@ -10,11 +10,11 @@ import numpy as np
 
 from splatgl.gl.buffers import texel_texture
 from splatgl.gl.shader import TABLE_ROW
+from splatgl.planning.plan import Plan
 from splatgl.splat.kernels import Kernel, footprint_table, half_line_table, radial_table
 from splatgl.splat.motion_blur import blur_table
-from splatgl.splat.plan import Plan
-from splatgl.splat.preintegration import WEIGHTS, ValueClassifier
 from splatgl.splat.splats import Splats
+from splatgl.transfer.preintegration import WEIGHTS, ValueClassifier
 
 # texture units
 FOOTPRINT_UNIT, HALF_LINE_UNIT, BLUR_UNIT, CLASS_UNIT = 0, 1, 3, 15

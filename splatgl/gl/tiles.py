@@ -36,11 +36,11 @@ from splatgl.gl.program import Programs, cover, set_uniforms
 from splatgl.gl.shader import ABREAST, LISTED, NOWHERE
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import HALF_LINE_UNIT
-from splatgl.splat.culling import BLOCK, Frustum, Window, blocks_in_frustum
+from splatgl.planning.culling import BLOCK, Frustum, Window, blocks_in_frustum
+from splatgl.planning.plan import Plan, Program
+from splatgl.planning.technique import COLUMNS, MOST, MOST_PIXELS, ROWS, batch_starts
 from splatgl.splat.kernels import single_reach
-from splatgl.splat.plan import Plan, Program
 from splatgl.splat.splats import MOST_KEPT, Splats
-from splatgl.splat.technique import COLUMNS, MOST, MOST_PIXELS, ROWS, batch_starts
 
 # maximum number of entries of all lists together
 MOST_LISTED = 2**25

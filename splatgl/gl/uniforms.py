@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.splat.camera import FAR
-from splatgl.splat.culling import Frustum
+from splatgl.geometry.camera import FAR
+from splatgl.geometry.view import eye_from_index
+from splatgl.planning.culling import Frustum
+from splatgl.planning.plan import Plan
 from splatgl.splat.footprint import NEAR
 from splatgl.splat.motion import Exposure
 from splatgl.splat.motion_blur import line_area
-from splatgl.splat.plan import Plan
 from splatgl.splat.sheets import counted_box
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import eye_from_index
 
 # binding points of the blocks
 FRAME_BINDING, STYLE_BINDING = 0, 1

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.clipping import Plane
-from splatgl.splat.colormaps import colormap_name
-from splatgl.splat.transfer import Nodes
+from splatgl.geometry.clipping import Plane
+from splatgl.transfer.colormaps import colormap_name
+from splatgl.transfer.transfer import Nodes
 
 
 def plane_through(point: np.ndarray, normal: np.ndarray) -> Plane:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.color import light_of_display
-from splatgl.splat.resolve import END_CORRECTION, Resolved
+from splatgl.planning.resolve import END_CORRECTION, Resolved
 from splatgl.splat.settings import COMBINE, BlendMode
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 # largest opacity below 1: limits the paper's attenuation of an opaque splat that is widened by rounding only
 ALMOST_ONE = 1.0 - 2.0**-53

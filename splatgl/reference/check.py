@@ -26,12 +26,12 @@ from splatgl.data.accuracy import Accuracy, aliasing_note
 from splatgl.data.color import light_of_display, srgb_from_linear
 from splatgl.data.image import Image
 from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
+from splatgl.planning.bricks import Bricks
+from splatgl.planning.resolve import select_splats, why_classified_before
+from splatgl.planning.scene import ResolvedScene, Scene
 from splatgl.reference.field import kept_field_integral
 from splatgl.reference.renderer import reachable, reachable_of, render_pixels, render_pixels_of, resolve_scene
-from splatgl.splat.bricks import Bricks
-from splatgl.splat.camera import Camera
-from splatgl.splat.resolve import select_splats, why_classified_before
-from splatgl.splat.scene import ResolvedScene, Scene
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
+from splatgl.planning.scene import Layer, Scene
 from splatgl.reference.march import LayerRays, SurfaceRays, absorb, fields_of
 from splatgl.reference.one_value import Shown
-from splatgl.splat.camera import Camera
-from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import BLENDS, Blend, Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 # rays per thread, and maximum number of threads
 RAYS, THREADS = 1 << 13, 8

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.errors import expected
+from splatgl.geometry.view import GridView
 from splatgl.splat.line_integral import Integral
-from splatgl.splat.view import GridView
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,28 +16,28 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.clipping import FACE, Clip
+from splatgl.geometry.grid import Grid, dilate, trilinear
+from splatgl.geometry.mask_field import MaskField
+from splatgl.geometry.view import GridView
+from splatgl.planning.ambient_occlusion import LightVolume
+from splatgl.planning.culling import clip_behind_eye
+from splatgl.planning.resolve import Resolved
 from splatgl.reference.blend import classify_values, join_attenuated, join_values, joined_value, over_background
 from splatgl.reference.ray_integral import OPAQUE, check_counts, distances, samples_of
 from splatgl.reference.rays import Rays
 from splatgl.reference.sheets import weight_extinction
-from splatgl.splat.ambient_occlusion import LightVolume
-from splatgl.splat.camera import Camera
-from splatgl.splat.clipping import FACE, Clip
-from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.extract_values import field_slopes, gradients, select_needed, with_slopes
-from splatgl.splat.grid import Grid, dilate, trilinear
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.lighting import LIGHTS, Light, surface_light
-from splatgl.splat.mask_field import MaskField
 from splatgl.splat.prefilter import prefilter
-from splatgl.splat.preintegration import ClassIntegral, ValueClassifier, surface_levels
-from splatgl.splat.regions import mean_matter
-from splatgl.splat.resolve import Resolved
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
-from splatgl.splat.transfer import Transfer
-from splatgl.splat.view import GridView
+from splatgl.transfer.preintegration import ClassIntegral, ValueClassifier, surface_levels
+from splatgl.transfer.regions import mean_matter
+from splatgl.transfer.transfer import Transfer
 
 # rays and points per batch
 RAYS, POINTS = 1 << 14, 1 << 10

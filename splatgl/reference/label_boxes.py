@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from splatgl.geometry.clipping import FACE, FLUSH
+from splatgl.planning.ordering import back_to_front, order_for
+from splatgl.planning.resolve import Resolved
 from splatgl.reference.blend import ADD, Band, Part, pixels
 from splatgl.reference.rays import Pixels, index_rays, pair_values, pixel_boxes, pixel_slopes
 from splatgl.reference.sheets import Pieces
-from splatgl.splat.clipping import FACE, FLUSH
 from splatgl.splat.lighting import surface_light
 from splatgl.splat.line_integral import Integral
-from splatgl.splat.ordering import back_to_front, order_for
-from splatgl.splat.resolve import Resolved
 from splatgl.splat.splats import Splats
 
 # least component of a ray in index space: a ray along a face is in one of the two voxels

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.mesh import Mesh
+from splatgl.geometry.camera import Camera
 from splatgl.reference.label_boxes import BoxScene
 from splatgl.reference.rays import Boxes, Pixels
 from splatgl.reference.sheets import Pieces, SheetScene, add_behind
-from splatgl.splat.camera import Camera
-from splatgl.splat.colormaps import colors_at
 from splatgl.splat.lighting import Light, surface_light
+from splatgl.transfer.colormaps import colors_at
 
 
 @dataclass(frozen=True, eq=False)

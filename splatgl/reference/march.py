@@ -15,21 +15,21 @@ import numpy as np
 
 from splatgl.data.mesh import Mesh
 from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.clipping import FLUSH, GRAZING, Clip
+from splatgl.geometry.grid import ranges
+from splatgl.geometry.mask_field import MaskField, clip_to_mask
+from splatgl.geometry.view import GridView
+from splatgl.planning.culling import clip_behind_eye
+from splatgl.planning.resolve import draws_boxes, kernel_name, select_splats
+from splatgl.planning.scene import Scene
 from splatgl.reference.layers import crossings
 from splatgl.reference.matter import BLOCK, PAD, Blocks, ValueMatter, VoxelMatter
 from splatgl.reference.rays import Pixels, box_ends, index_rays, pixel_slopes
-from splatgl.splat.camera import Camera
-from splatgl.splat.clipping import FLUSH, GRAZING, Clip
-from splatgl.splat.culling import clip_behind_eye
-from splatgl.splat.grid import ranges
 from splatgl.splat.kernels import BOX, Kernel
 from splatgl.splat.kernels import kernel as kernel_named
-from splatgl.splat.mask_field import MaskField, clip_to_mask
-from splatgl.splat.resolve import draws_boxes, kernel_name, select_splats
-from splatgl.splat.scene import Scene
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import GridView
 
 # points of a ray per voxel, and of a single ray; points of all rays that are evaluated together, of a ray at least
 STEPS, FINE, TOGETHER, LEAST = 2, 16, 1 << 16, 8

@@ -11,13 +11,13 @@ import numpy as np
 from splatgl.coercion import public
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.grid import trilinear
+from splatgl.planning.scene import Layer, Scene
 from splatgl.reference.march import LayerRays, SurfaceRays, absorb, fields_of, passed, ray_lengths
 from splatgl.reference.one_value import Shown
-from splatgl.splat.camera import Camera
-from splatgl.splat.grid import trilinear
-from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import BLENDS, Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 # optical depth at which half of the light is absorbed
 HALF = float(np.log(2))

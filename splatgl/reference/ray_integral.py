@@ -14,18 +14,18 @@ import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.grid import dilate
+from splatgl.geometry.view import GridView
+from splatgl.planning.culling import clip_behind_eye
+from splatgl.planning.resolve import Resolved, kernel_name, select_splats
 from splatgl.reference.blend import over_background
 from splatgl.reference.rays import box_ends, index_rays, pixel_slopes
-from splatgl.splat.camera import Camera
-from splatgl.splat.culling import clip_behind_eye
-from splatgl.splat.grid import dilate
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.lighting import apply_light
-from splatgl.splat.resolve import Resolved, kernel_name, select_splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import GridView
 
 # maximum number of cells in the lookup table of the splats' box, 4 bytes each
 MAX_CELLS = 1 << 27

@@ -16,15 +16,15 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.clipping import FLUSH, GRAZING, Clip
+from splatgl.geometry.grid import Grid
+from splatgl.geometry.view import GridView, smallest_axis
+from splatgl.planning.culling import STRETCHED, block_boxes
 from splatgl.reference.ewa import Ewa
-from splatgl.splat.camera import Camera
-from splatgl.splat.clipping import FLUSH, GRAZING, Clip
-from splatgl.splat.culling import STRETCHED, block_boxes
 from splatgl.splat.footprint import ROWS, Quads, Splat, fill_depth, on_quads, table_quad
-from splatgl.splat.grid import Grid
 from splatgl.splat.line_integral import Integral, row1
 from splatgl.splat.splats import Splats, in_parts
-from splatgl.splat.view import GridView, smallest_axis
 
 # relative enlargement of a box against rounding
 MARGIN = 1e-9

@@ -16,6 +16,12 @@ import numpy as np
 from splatgl.coercion import public
 from splatgl.data.image import Image
 from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
+from splatgl.planning.bricks import Bricks
+from splatgl.planning.culling import clip_behind_eye
+from splatgl.planning.ordering import back_to_front, order_for
+from splatgl.planning.resolve import Resolved, attenuation_form, select_splats, voxel_kernel
+from splatgl.planning.scene import ResolvedScene, Scene, check_layer, common_samples, join_pictures, with_shared_casters
 from splatgl.reference.blend import ADD, Band, Part, mean_weights, over_background, pixel_means, pixels
 from splatgl.reference.label_boxes import BoxScene
 from splatgl.reference.layers import LayerScene, SurfaceScene
@@ -33,16 +39,10 @@ from splatgl.reference.rays import (
     splats_may_reach,
 )
 from splatgl.reference.sheets import SheetScene
-from splatgl.splat.bricks import Bricks
-from splatgl.splat.camera import Camera
-from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.extract_values import post_splats
 from splatgl.splat.kernels import tabulate
 from splatgl.splat.lighting import Light, apply_light
 from splatgl.splat.motion_blur import moving_depth
-from splatgl.splat.ordering import back_to_front, order_for
-from splatgl.splat.resolve import Resolved, attenuation_form, select_splats, voxel_kernel
-from splatgl.splat.scene import ResolvedScene, Scene, check_layer, common_samples, join_pictures, with_shared_casters
 from splatgl.splat.settings import BLENDS, BlendMode, Settings
 from splatgl.splat.splats import Splats, in_parts, record_type
 

@@ -12,16 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from splatgl.geometry.clipping import FACE, FLUSH
+from splatgl.geometry.mask_field import MaskField, clip_to_mask
+from splatgl.geometry.view import GridView
+from splatgl.planning.ambient_occlusion import LightVolume
+from splatgl.planning.resolve import Resolved
 from splatgl.reference.blend import classify_values, join_attenuated, join_values, joined_value
 from splatgl.reference.rays import Boxes, Pixels, Rays, Row, Values, pair_values, pixel_boxes
-from splatgl.splat.ambient_occlusion import LightVolume
-from splatgl.splat.clipping import FACE, FLUSH
-from splatgl.splat.iso import THIN, spline_crossings
 from splatgl.splat.kernels import Kernel, tabulate
 from splatgl.splat.lighting import Light, apply_light, surface_light
-from splatgl.splat.mask_field import MaskField, clip_to_mask
-from splatgl.splat.preintegration import ValueClassifier
-from splatgl.splat.resolve import Resolved
 from splatgl.splat.settings import BlendMode
 from splatgl.splat.sheets import (
     ABSENT,
@@ -35,7 +34,8 @@ from splatgl.splat.sheets import (
     layer_wave,
 )
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import GridView
+from splatgl.transfer.iso import THIN, spline_crossings
+from splatgl.transfer.preintegration import ValueClassifier
 
 # opacity behind which the remaining light is less than rounding
 OPAQUE = 1 - 1e-15

@@ -19,17 +19,17 @@ from splatgl.data.image import Image
 from splatgl.data.scenes import FORMULAS, Formula
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
+from splatgl.geometry.camera import Camera
+from splatgl.planning.resolve import depth_range, extraction_kind
 from splatgl.reference.blend import pixel_means
 from splatgl.reference.field import Field, field_integral
 from splatgl.reference.ray_integral import ray_integral
 from splatgl.report.methods import DEFAULT, TRUTHS, Method, axis_of, methods
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.camera import Camera
 from splatgl.splat.extract import POST_KERNEL, extract
-from splatgl.splat.resolve import depth_range, extraction_kind
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer

@@ -25,13 +25,13 @@ from splatgl.scene.open_scene import OpenScene, with_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import EXTENT, Transfer
-from splatgl.splat.transfer_files import SUFFIXES
+from splatgl.transfer.transfer import EXTENT, Transfer
+from splatgl.transfer.transfer_files import SUFFIXES
 
 if TYPE_CHECKING:
+    from splatgl.geometry.camera import Camera
     from splatgl.keywords import RenderKeywords
-    from splatgl.splat.camera import Camera
-    from splatgl.splat.scene import Scene
+    from splatgl.planning.scene import Scene
 
 
 # options of a scene that are keywords; the last ones are those of settings as a whole
@@ -208,8 +208,8 @@ def view_of(
     camera, settings: replace the plotter's. options: fields of Settings, and options of the view; for a plotter only
     the size.
     """
-    from splatgl.splat.camera import Camera
-    from splatgl.splat.scene import Scene
+    from splatgl.geometry.camera import Camera
+    from splatgl.planning.scene import Scene
 
     layers = isinstance(x, Scene)
     drawing = {f.name: options[f.name] for f in fields(Settings) if f.name in options}

@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from splatgl.distributed.worker import Drawing
+    from splatgl.geometry.camera import Camera
     from splatgl.gl.renderer import Renderer
-    from splatgl.splat.camera import Camera
-    from splatgl.splat.scene import Scene
+    from splatgl.planning.scene import Scene
     from splatgl.splat.splats import Splats
 
 
@@ -254,7 +254,7 @@ def _choose_level(scene: OpenScene, how: DrawOptions) -> tuple[OpenScene, dict[s
 
 def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
     """Draws brick by brick a picture that needs more than --memory; None for others."""
-    from splatgl.splat.bricks import bricks_of, excess_need
+    from splatgl.planning.bricks import bricks_of, excess_need
 
     file = scene.file
     bricks = None if file.threshold else bricks_of(scene.volume, scene.transfer, scene.settings)

@@ -20,7 +20,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import TransferChoice
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.keywords import CheckKeywords, CutsKeywords, LightKeywords, LookKeywords, ViewKeywords

@@ -204,7 +204,7 @@ def surfaces_of(scene: SceneFile) -> list[MeshFile]:
 def _linear(color: str) -> tuple[float, float, float] | None:
     """Linear RGB of a colour; None for the name of a colour map. Raises InputError for unknown names."""
     from splatgl.data.color import read_background
-    from splatgl.splat.colormaps import colormap
+    from splatgl.transfer.colormaps import colormap
 
     try:
         rgb = read_background(color)

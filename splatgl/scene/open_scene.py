@@ -18,24 +18,24 @@ from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import USER_ERRORS, InputError, expected, list_names
 from splatgl.fileio import budget, format_bytes
+from splatgl.geometry.scissors import cut_volume
 from splatgl.readers import require_source
 from splatgl.readers.channels import TIME_HINT
 from splatgl.scene.meshes import Vectors, is_mesh, surfaces_of
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import AMOUNT_KEYS, CHANNEL_KEYS, COLOR_KEYS, SeriesLook, faint_share, with_window
 from splatgl.scene.view import FIT_OF_0_3
-from splatgl.splat.colormaps import labels_of
-from splatgl.splat.presets import slice_defaults
-from splatgl.splat.scissors import cut_volume
 from splatgl.splat.segment_surfaces import is_segmentation
 from splatgl.splat.settings import BLENDS, Settings
-from splatgl.splat.statistics import SAMPLED_STEPS, mean_deviation, sampled_steps
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.colormaps import labels_of
+from splatgl.transfer.presets import slice_defaults
+from splatgl.transfer.statistics import SAMPLED_STEPS, mean_deviation, sampled_steps
+from splatgl.transfer.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.splat.camera import Bounded, Camera, Part
-    from splatgl.splat.clipping import Plane
-    from splatgl.splat.scene import Layer, Scene
+    from splatgl.geometry.camera import Bounded, Camera, Part
+    from splatgl.geometry.clipping import Plane
+    from splatgl.planning.scene import Layer, Scene
     from splatgl.splat.splats import Splats
 
 # extraction and cameras are imported once there is a volume: bad input is reported at once
@@ -95,8 +95,8 @@ class OpenScene:
     @cached_property
     def scene(self) -> Scene:
         """The visible layers and meshes, clipped by the planes of the scene; of one volume a single layer."""
-        from splatgl.splat.scene import Scene
-        from splatgl.splat.slices import Slice
+        from splatgl.geometry.slices import Slice
+        from splatgl.planning.scene import Scene
 
         meshes = [mesh.open() for mesh in surfaces_of(self.file) if mesh.visible]
         meshes += self.file.vectors.meshes(self.volume)
@@ -130,7 +130,7 @@ class OpenScene:
     @cached_property
     def splats(self) -> Splats:
         """The splats of the first volume."""
-        from splatgl.splat.resolve import extract_for_settings
+        from splatgl.planning.resolve import extract_for_settings
 
         progress, file = None if self.is_quiet else extraction_bar, self.file
         look = self.volume, self.transfer, file.settings, file.threshold
@@ -159,9 +159,9 @@ class OpenScene:
     @property
     def fitted(self) -> Bounded:
         """Subject to which a view without an eye is fitted."""
+        from splatgl.planning.opaque_bounds import Opaque
+        from splatgl.planning.resolve import why_per_splat
         from splatgl.splat.extract import why_only_pre
-        from splatgl.splat.opaque_bounds import Opaque
-        from splatgl.splat.resolve import why_per_splat
 
         settings, volume = self.file.settings, self.volume
         if not self.is_single:
@@ -196,7 +196,7 @@ class OpenScene:
     @property
     def has_matter(self) -> bool:
         """Whether planes leave any splats or meshes."""
-        from splatgl.splat.resolve import select_splats
+        from splatgl.planning.resolve import select_splats
 
         settings, subject = self.settings, self.subject
         kept = (select_splats(splats, look, self.is_moving) for splats, look in subject.drawn(settings))
@@ -204,7 +204,7 @@ class OpenScene:
 
     def check_masks(self) -> None:
         """Raises InputError if the masks keep only transparent voxels."""
-        from splatgl.splat.opaque_bounds import Opaque
+        from splatgl.planning.opaque_bounds import Opaque
 
         if self.volume.masks and Opaque(self.volume, self.transfer).nothing:
             fix = "set the points to the values that matter, or take another mask"
@@ -212,7 +212,7 @@ class OpenScene:
 
     def check_fits(self) -> None:
         """Raises InputError for a layer that only bricks could draw within the memory budget."""
-        from splatgl.splat.bricks import bricks_of, excess_need
+        from splatgl.planning.bricks import bricks_of, excess_need
 
         most = budget()
         for layer in self.scene.shown:
@@ -245,7 +245,7 @@ def cut_scene(file: SceneFile, volume: Volume) -> tuple[SceneFile, Volume]:
     Scissors without a camera take the view of the whole. The view is fitted to the crop, or to a box with numbers.
     """
     if file.scissors:
-        from splatgl.splat.camera import Part
+        from splatgl.geometry.camera import Part
 
         whole = OpenScene.of(replace(file, scissors=()), volume)
         camera = whole.camera
@@ -323,7 +323,7 @@ def extraction_bar(parts: Iterator[Any], count: int) -> Iterator[Any]:
 
 def annotated_part(volume: Volume) -> Part:
     """The part that a view is fitted to which shows a volume's box and its numbers."""
-    from splatgl.splat.camera import Part
+    from splatgl.geometry.camera import Part
 
     return Part(volume.center + (volume.corners - volume.center) * ROOM, volume.frame)
 
@@ -361,7 +361,7 @@ def channel_layers(
     file: SceneFile, volume: Volume, transfer: Transfer, planes: tuple[Plane, ...] | None = None
 ) -> list[Layer]:
     """The layers of a volume: one for each of its channels. planes: that clip these layers alone."""
-    from splatgl.splat.scene import Layer
+    from splatgl.planning.scene import Layer
 
     colors, windows = (dict(file.transfer.get(name, ())) for name in CHANNEL_KEYS)
     if len(volume.channels) < 2:
@@ -395,7 +395,7 @@ def _channel_looks(
     """The transfer functions of channels, without the scene's opacity: the file's for each, in the colours and over the
     windows of channels.
     """
-    from splatgl.splat.scene import channel_transfers
+    from splatgl.planning.scene import channel_transfers
 
     plain, keys, bases = replace(file, opacity=1.0, look=None), file.transfer.keys(), None
     if keys & (AMOUNT_KEYS - set(COLOR_KEYS) | {"preset"}):

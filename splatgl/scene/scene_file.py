@@ -38,6 +38,8 @@ from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import error_prefix, expected
 from splatgl.fileio import load_table, toml_rows, toml_value
+from splatgl.geometry.scissors import FORM, Scissors
+from splatgl.geometry.slices import SLICE_PLANES, SLICES
 from splatgl.options import (
     Group,
     Kind,
@@ -87,9 +89,11 @@ from splatgl.scene.transfer_choice import (
     with_window,
 )
 from splatgl.scene.view import FIT_OF_0_3, ViewOptions, orient_stack
-from splatgl.splat.colormaps import base_name, labels_of
-from splatgl.splat.label_detection import MASK, as_segmentation, mark_kind
-from splatgl.splat.presets import (
+from splatgl.splat.segment_surfaces import SMOOTHING, check_strength
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.transfer.colormaps import base_name, labels_of
+from splatgl.transfer.label_detection import MASK, as_segmentation, mark_kind
+from splatgl.transfer.presets import (
     SOLID,
     constant_note,
     is_preset,
@@ -99,12 +103,8 @@ from splatgl.splat.presets import (
     preset_named,
     projection_transfer,
 )
-from splatgl.splat.scissors import FORM, Scissors
-from splatgl.splat.segment_surfaces import SMOOTHING, check_strength
-from splatgl.splat.settings import BLENDS, Settings
-from splatgl.splat.slices import SLICE_PLANES, SLICES
-from splatgl.splat.statistics import without_far_values
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.statistics import without_far_values
+from splatgl.transfer.transfer import Transfer
 
 # types of the keys of a scene file that are not options
 TABLES: dict[str, type] = {
@@ -254,7 +254,7 @@ class SceneFile:
     @classmethod
     def of(cls, layer: Any) -> SceneFile:
         """Returns the scene of a Layer, or of anything that `Volume.of` accepts, in memory; text is read."""
-        from splatgl.splat.scene import Layer
+        from splatgl.planning.scene import Layer
 
         if isinstance(layer, SceneFile):
             return layer
@@ -579,8 +579,8 @@ class SceneFile:
             return self
         if self.crop and volume.points is not None:
             raise expected("crop", "voxels along x, y and z", f"{len(volume.points):,} points", "cut them with clip")
-        from splatgl.splat.camera import Part
-        from splatgl.splat.clipping import Box, clip_corners, crop_planes, parse_planes
+        from splatgl.geometry.camera import Part
+        from splatgl.geometry.clipping import Box, clip_corners, crop_planes, parse_planes
 
         sides = crop_planes(self.crop, volume) if self.crop else ()
         planes = parse_planes(self.clip or (), Box.of([volume]))

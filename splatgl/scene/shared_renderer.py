@@ -15,8 +15,8 @@ from splatgl.errors import InputError
 from splatgl.gl.backends import BackendError, restored
 from splatgl.gl.context import current, inherited
 from splatgl.gl.renderer import Renderer
-from splatgl.splat.plan import Plan
-from splatgl.splat.technique import Hiding
+from splatgl.planning.plan import Plan
+from splatgl.planning.technique import Hiding
 
 # one picture at a time in all threads
 _LOCK = RLock()

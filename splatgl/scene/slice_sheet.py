@@ -21,10 +21,10 @@ from splatgl.scene.open_scene import provenance_of
 from splatgl.scene.view import ViewOptions
 
 if TYPE_CHECKING:
+    from splatgl.geometry.slice_images import Painter
+    from splatgl.geometry.slices import SlicePlane
     from splatgl.scene.open_scene import OpenScene
     from splatgl.scene.scene_file import SceneFile
-    from splatgl.splat.slice_images import Painter
-    from splatgl.splat.slices import SlicePlane
 
 # pixels between slices, and font heights of a slice that has room for letters of directions
 GAP, LETTERS = 2, 7
@@ -75,7 +75,7 @@ def draw_slices(scene: OpenScene) -> Image:
     """The picture of a scene's slices, with provenance and annotations; needs no OpenGL. Raises InputError for planes
     beside the volume, and for annotations of a view in space.
     """
-    from splatgl.splat.slices import parse_slices
+    from splatgl.geometry.slices import parse_slices
 
     started, file, volume = time.perf_counter(), scene.file, scene.volume
     names = [text.partition("=")[0] for text in file.annotate]
@@ -195,7 +195,7 @@ def _annotated(image: Image, scene: OpenScene, cells: Sequence[Cell]) -> Image:
     """The picture under the annotations of its scene."""
     if not scene.file.annotate:
         return image
-    from splatgl.splat.camera import Camera
+    from splatgl.geometry.camera import Camera
 
     size, names, plane = scene.file.view.size, scene.file.annotate, cells[0].plane
     center, high = scene.volume.center, cells[0].pitch * size[1]

@@ -12,10 +12,10 @@ import numpy as np
 from splatgl.data.volume import Hints, Triple, Volume
 from splatgl.errors import expected
 from splatgl.options import Group, Kind, check_options, option
-from splatgl.splat.presets import is_microscopy
+from splatgl.transfer.presets import is_microscopy
 
 if TYPE_CHECKING:
-    from splatgl.splat.camera import Bounded, Camera
+    from splatgl.geometry.camera import Bounded, Camera
     from splatgl.splat.splats import Splats
 
 
@@ -230,7 +230,7 @@ class ViewOptions:
 
         is_parallel: whether rays will be parallel, which see both sides of the centre alike.
         """
-        from splatgl.splat.camera import Camera
+        from splatgl.geometry.camera import Camera
 
         up = self.upward(hints)
         turn = 180.0 if up == PLANES_UP and hints.stack and self.up is None else 0.0
@@ -241,7 +241,7 @@ class ViewOptions:
         """The camera; an orbit is fitted to `subject` as `fit` says. volume: has hints, or is splats without."""
         if self.fixed is not None:
             return self.fixed.resized(self.size)
-        from splatgl.splat.camera import Camera
+        from splatgl.geometry.camera import Camera
 
         subject = self.framed(volume, subject)
         hints = volume.hints if isinstance(volume, Volume) else Hints()
@@ -259,7 +259,7 @@ class ViewOptions:
 
     def framed(self, volume: Volume | Splats, subject: Bounded) -> Bounded:
         """The part of a subject that the view is fitted to."""
-        from splatgl.splat.opaque_bounds import Opaque
+        from splatgl.planning.opaque_bounds import Opaque
         from splatgl.splat.splats import Splats
 
         if self.part is not None:

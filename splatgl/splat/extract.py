@@ -18,12 +18,11 @@ from splatgl.coercion import public
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Slab, Volume
 from splatgl.errors import InputError, expected
+from splatgl.geometry.grid import Grid
 from splatgl.splat.extract_values import extract_post, gradients
-from splatgl.splat.grid import Grid
 from splatgl.splat.hidden_interior import HiddenInterior
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.label_normals import HALO, LabelNormals
-from splatgl.splat.preintegration import ValueClassifier, active_range, nearest_transparent, opaque_intervals
 from splatgl.splat.splats import (
     MOST_KEPT,
     NORMAL_SCALE,
@@ -34,10 +33,11 @@ from splatgl.splat.splats import (
     record_type,
     stored_color,
 )
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.preintegration import ValueClassifier, active_range, nearest_transparent, opaque_intervals
+from splatgl.transfer.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.splat.scene import Scene
+    from splatgl.planning.scene import Scene
 
 
 # voxels in a slab: temporaries stay near 200 MB, the planes that two slabs share are few
@@ -207,7 +207,7 @@ def _check_iso(volume: Volume, transfer: Transfer, why: str | None) -> None:
 
 
 def _layers(volume: Volume, transfers: list[Transfer], threshold: float) -> Scene:
-    from splatgl.splat.scene import Layer, Scene
+    from splatgl.planning.scene import Layer, Scene
 
     channels = volume.channels or (volume,)
     if len(transfers) != len(channels):

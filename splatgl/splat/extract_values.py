@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from splatgl.data.volume import Places, Volume
-from splatgl.splat.grid import Grid, dilate
+from splatgl.geometry.grid import Grid, dilate
+from splatgl.geometry.mask_field import MaskField
 from splatgl.splat.kernels import Kernel
-from splatgl.splat.mask_field import MaskField
 from splatgl.splat.prefilter import PREFILTERED, STEP_HALO, coefficients, margin_of, prefilter
-from splatgl.splat.preintegration import ValueClassifier, clear_isolated
 from splatgl.splat.splats import GrowingRecords, Splats, assemble, in_parts, record_type
+from splatgl.transfer.preintegration import ValueClassifier, clear_isolated
 
 # integer types up to this many bytes take their record values from a table
 TABLE_BYTES = 2

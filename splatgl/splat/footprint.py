@@ -36,10 +36,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatgl.geometry.view import GridView, dot, perpendicular_axes, smallest_axis, voxel_ellipse
 from splatgl.splat.kernels import Kernel, half_line_integral
 from splatgl.splat.line_integral import CurvedRay, Integral
 from splatgl.splat.splats import OCTAVES
-from splatgl.splat.view import GridView, dot, perpendicular_axes, smallest_axis, voxel_ellipse
 
 
 def form_c(splat: Splat) -> np.ndarray:

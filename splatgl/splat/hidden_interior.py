@@ -29,10 +29,10 @@ from itertools import pairwise
 import numpy as np
 
 from splatgl.data.volume import Places, Volume
+from splatgl.geometry.grid import Grid
 from splatgl.splat.extract_values import tabulate
-from splatgl.splat.grid import Grid
 from splatgl.splat.kernels import FREE, kernel
-from splatgl.splat.preintegration import CELLS, ValueClassifier
+from splatgl.transfer.preintegration import CELLS, ValueClassifier
 
 # voxels along a cell, which kernels of values reach where no pixel is wider than a voxel
 SIDE = 2

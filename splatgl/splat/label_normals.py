@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.volume import Slab, Volume
-from splatgl.splat.grid import trilinear
-from splatgl.splat.mask_field import ONE, ZERO
+from splatgl.geometry.grid import trilinear
+from splatgl.geometry.mask_field import ONE, ZERO
 
 # sums of two neighbours along each axis: a binomial of 1.6 voxels' deviation; and reach of normals, in voxels
 SUMS = 10

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl.errors import expected
-from splatgl.splat.camera import Camera
+from splatgl.geometry.camera import Camera
 from splatgl.splat.splats import Splats
 
 if TYPE_CHECKING:
-    from splatgl.splat.resolve import Resolved
+    from splatgl.planning.resolve import Resolved
 
 
 # ambient and diffuse shares of the head light

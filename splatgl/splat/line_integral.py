@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from splatgl.geometry.view import GridView, dot
 from splatgl.splat.kernels import Kernel, half_line_integral, unit_rule
-from splatgl.splat.view import GridView, dot
 
 # quadrature points in each smooth interval of the line: error 1e−13 of the integral
 QUADRATURE_ORDER = 24

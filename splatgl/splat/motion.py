@@ -15,10 +15,10 @@ from splatgl.coercion import public
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.splat.camera import Camera, cross_matrix
+from splatgl.geometry.camera import Camera, cross_matrix
+from splatgl.geometry.view import eye_from_index
 from splatgl.splat.settings import FULL_SHUTTER, Settings
 from splatgl.splat.splats import Splats, as_points
-from splatgl.splat.view import eye_from_index
 
 # a splat nearer to the eye's plane than this, in mean spacings, has no projection
 NEAREST = 1e-2

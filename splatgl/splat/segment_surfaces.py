@@ -20,9 +20,9 @@ from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import budget, format_bytes
-from splatgl.splat.colormaps import SOLID, LabelStyles, label_place, labels_of
-from splatgl.splat.presets import default_transfer, label_transfer
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.colormaps import SOLID, LabelStyles, label_place, labels_of
+from splatgl.transfer.presets import default_transfer, label_transfer
+from splatgl.transfer.transfer import Transfer
 
 # default strength, as in 3D Slicer
 SMOOTHING = 0.5

@@ -12,6 +12,7 @@ import numpy as np
 from splatgl.coercion import public
 from splatgl.data.color import AUTO, BACKGROUNDS, Color, read_background
 from splatgl.errors import expected
+from splatgl.geometry.clipping import Plane, check_planes
 from splatgl.options import (
     Group,
     Kind,
@@ -24,7 +25,6 @@ from splatgl.options import (
     refuse_unknown,
     with_keywords,
 )
-from splatgl.splat.clipping import Plane, check_planes
 from splatgl.splat.kernels import FREE, KERNELS, import_kernel
 from splatgl.splat.lighting import check_place
 

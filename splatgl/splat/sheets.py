@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.grid import corners_of
+from splatgl.geometry.grid import corners_of
+from splatgl.geometry.view import GridView
 from splatgl.splat.kernels import Kernel, depth_deviation, spectrum
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import GridView
 
 # value of a cell without a splat; record values are smaller
 ABSENT = float(np.float32(1e30))

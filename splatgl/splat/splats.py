@@ -23,19 +23,19 @@ from splatgl.coercion import public
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
 from splatgl.errors import expected
-from splatgl.splat.camera import Bounded, Part
-from splatgl.splat.grid import Grid, Lattice, columns, corners_of, index_rows, lattice_across
-from splatgl.splat.preintegration import ValueClassifier
-from splatgl.splat.regions import extinction_of
+from splatgl.geometry.camera import Bounded, Part
+from splatgl.geometry.grid import Grid, Lattice, columns, corners_of, index_rows, lattice_across
+from splatgl.transfer.preintegration import ValueClassifier
+from splatgl.transfer.regions import extinction_of
 
 if TYPE_CHECKING:
     from splatgl.data.mesh import Mesh
     from splatgl.data.points import Points
+    from splatgl.geometry.mask_field import MaskField
     from splatgl.splat.extract import Source
     from splatgl.splat.label_normals import LabelNormals
-    from splatgl.splat.mask_field import MaskField
     from splatgl.splat.settings import Settings
-    from splatgl.splat.transfer import Transfer
+    from splatgl.transfer.transfer import Transfer
 
 
 class Same:

@@ -11,7 +11,7 @@ from splatgl.coercion import public
 from splatgl.data.mesh import SIDES, Mesh
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import expected
-from splatgl.splat.grid import trilinear
+from splatgl.geometry.grid import trilinear
 
 # distance of two points of a line, in smallest spacings, and the step between drawn points
 STEP, DRAWN = 0.25, 2

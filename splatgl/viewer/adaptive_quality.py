@@ -19,7 +19,7 @@ from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from splatgl.splat.resolve import AVERAGED
+from splatgl.planning.resolve import AVERAGED
 from splatgl.splat.settings import Settings
 
 # glibc's option M_MMAP_THRESHOLD, and its value: larger blocks, bytes, return to the system once freed

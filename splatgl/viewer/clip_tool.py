@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.camera import Camera
-from splatgl.splat.clipping import Plane, clip_corners
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.clipping import Plane, clip_corners
 from splatgl.viewer.state import MOST_PLANES, Cuts, box_planes
 from splatgl.viewer.tool import Place, Pointer, Tool, View
 from splatgl.viewer.trackball import nearest_on_line, pixel_ray, project

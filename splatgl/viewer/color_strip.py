@@ -11,8 +11,8 @@ import numpy as np
 from imgui_bundle import imgui
 
 from splatgl.data.color import srgb_from_linear
-from splatgl.splat.transfer import Transfer
-from splatgl.splat.transfer_nodes import ColorPoints, color_points, with_color_points
+from splatgl.transfer.transfer import Transfer
+from splatgl.transfer.transfer_nodes import ColorPoints, color_points, with_color_points
 
 # number of colours in the strip; radius of a point at a content scale of 1, screen units
 COLORS, POINT = 64, 5.0

@@ -14,11 +14,11 @@ from splatgl.annotations.canvas import Annotation, Subject
 from splatgl.data.color import AUTO, linear_from_srgb
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
+from splatgl.geometry.clipping import Plane
 from splatgl.gl.screen import GROUNDS
+from splatgl.planning.scene import channel_opacity, plan_scene
 from splatgl.scene.open_scene import on_background
 from splatgl.scene.view import PLANES_UP, ROWS_UP, angles
-from splatgl.splat.clipping import Plane
-from splatgl.splat.scene import channel_opacity, plan_scene
 from splatgl.splat.settings import BLENDS, Settings, choices
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts

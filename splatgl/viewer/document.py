@@ -18,18 +18,18 @@ from splatgl.data.color import AUTO
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.geometry.camera import Bounded, Camera
+from splatgl.geometry.clipping import Plane
+from splatgl.geometry.slices import Slice, parse_slices
+from splatgl.planning.scene import MOST_LAYERS, Layer, Scene
 from splatgl.scene.meshes import MeshFile, read_meshes, source_key, styled_mesh, surfaces_of
 from splatgl.scene.open_scene import OpenScene, on_background, open_layer, source_layers
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV, ViewOptions
-from splatgl.splat.camera import Bounded, Camera
-from splatgl.splat.clipping import Plane
 from splatgl.splat.extract import Progress
-from splatgl.splat.scene import MOST_LAYERS, Layer, Scene
 from splatgl.splat.settings import Settings
-from splatgl.splat.slices import Slice, parse_slices
 from splatgl.splat.splats import Splats
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.movie_track import Movie

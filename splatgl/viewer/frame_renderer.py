@@ -12,14 +12,14 @@ import numpy as np
 
 from splatgl.annotations.text import Overlay, Path, Text, draw_overlay, text_box
 from splatgl.data.color import Color
+from splatgl.geometry.camera import Camera
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen, ScreenStyle
+from splatgl.planning.culling import FAITHFUL, clip_behind_eye, eye_is_outside
+from splatgl.planning.plan import Blurred
+from splatgl.planning.resolve import Resolved, has_streaks, select_splats
 from splatgl.scene.draw import print_lines
-from splatgl.splat.camera import Camera
-from splatgl.splat.culling import FAITHFUL, clip_behind_eye, eye_is_outside
 from splatgl.splat.motion import Motion
-from splatgl.splat.plan import Blurred
-from splatgl.splat.resolve import Resolved, has_streaks, select_splats
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats, as_points
 from splatgl.viewer import hud

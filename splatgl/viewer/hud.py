@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.plan import Plan
-from splatgl.splat.statistics import Statistics
+from splatgl.planning.plan import Plan
+from splatgl.transfer.statistics import Statistics
 from splatgl.viewer.adaptive_quality import FULL, Level
 from splatgl.viewer.document import Document
 from splatgl.viewer.reference_view import Difference

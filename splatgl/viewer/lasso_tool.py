@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl.errors import InputError
+from splatgl.geometry.scissors import MOST_CORNERS, Scissors, cut_volume
 from splatgl.gl.screen import LineColor, Stroke
 from splatgl.scene.meshes import is_mesh
-from splatgl.splat.scissors import MOST_CORNERS, Scissors, cut_volume
 from splatgl.viewer.state import Lasso
 from splatgl.viewer.tool import Pointer, Tool, View
 

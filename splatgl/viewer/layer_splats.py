@@ -11,19 +11,19 @@ import numpy as np
 from splatgl.data.affine import World
 from splatgl.data.halving import halve_volume
 from splatgl.data.volume import Volume
+from splatgl.geometry.camera import Bounded
+from splatgl.geometry.clipping import Plane, change_planes, check_planes
+from splatgl.geometry.scissors import Scissors, cut_volume
+from splatgl.planning.culling import visible_shell
+from splatgl.planning.opaque_bounds import Opaque
+from splatgl.planning.resolve import extraction_kind, why_per_splat
+from splatgl.planning.scene import Layer
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FIT_OF_0_3
-from splatgl.splat.camera import Bounded
-from splatgl.splat.clipping import Plane, change_planes, check_planes
-from splatgl.splat.culling import visible_shell
 from splatgl.splat.extract import Progress, extract, why_only_pre
-from splatgl.splat.opaque_bounds import Opaque
-from splatgl.splat.resolve import extraction_kind, why_per_splat
-from splatgl.splat.scene import Layer
-from splatgl.splat.scissors import Scissors, cut_volume
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import MOST_KEPT, Splats
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.stand_in import StandIn, choose_stand_in
 from splatgl.viewer.state import LayerStyle

@@ -10,9 +10,9 @@ from imgui_bundle import imgui
 
 from splatgl.annotations.text import plain
 from splatgl.data.mesh import OF_VOLUME, PLAIN
+from splatgl.planning.scene import MOST_LAYERS
 from splatgl.scene.meshes import MeshFile, is_mesh
-from splatgl.splat.colormaps import colormap
-from splatgl.splat.scene import MOST_LAYERS
+from splatgl.transfer.colormaps import colormap
 from splatgl.viewer.document import Document
 from splatgl.viewer.panel_sections import CommandWidgets, label_left, pick_color, pick_opacity, shorten
 from splatgl.viewer.state import LayerStyle, State

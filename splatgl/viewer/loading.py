@@ -13,6 +13,7 @@ from splatgl.animation.movie import by_numbers, time_points
 from splatgl.data.mesh import Mesh
 from splatgl.data.scenes import SCENES
 from splatgl.errors import Choice, InputError
+from splatgl.planning.scene import MOST_LAYERS
 from splatgl.readers import list_volumes
 from splatgl.readers.remote import is_address
 from splatgl.scene.draw import print_lines
@@ -20,7 +21,6 @@ from splatgl.scene.meshes import MeshFile, Vectors, is_mesh, read_meshes, source
 from splatgl.scene.open_scene import look_notes, series_look
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import FAINTLY, faint_share
-from splatgl.splat.scene import MOST_LAYERS
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document, read_layer
@@ -30,7 +30,7 @@ from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.state import FileOption, LayerStyle
 
 if TYPE_CHECKING:
-    from splatgl.splat.transfer import Transfer
+    from splatgl.transfer.transfer import Transfer
     from splatgl.viewer.state import History, State
     from splatgl.viewer.trackball import Pose
 

@@ -9,11 +9,11 @@ import numpy as np
 from splatgl.annotations.canvas import Measure, Subject
 from splatgl.annotations.measures import measure_text
 from splatgl.errors import InputError
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.clipping import Clip, Plane
+from splatgl.geometry.view import eye_from_index
 from splatgl.reference.pick import Picked, pick
-from splatgl.splat.camera import Camera
-from splatgl.splat.clipping import Clip, Plane
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import eye_from_index
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document
 from splatgl.viewer.segments import segment_name

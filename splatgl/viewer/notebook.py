@@ -23,15 +23,15 @@ from traitlets import Unicode
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.fileio import call_within
+from splatgl.geometry.camera import Camera
 from splatgl.options import declared, names_of, refuse_unknown
+from splatgl.planning.culling import eye_is_outside
 from splatgl.scene.groups import TRANSFER
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.shared_renderer import shared_renderer
-from splatgl.splat.camera import Camera
-from splatgl.splat.culling import eye_is_outside
-from splatgl.splat.presets import PRESETS
 from splatgl.splat.settings import BLENDS, Settings
-from splatgl.splat.statistics import statistics
+from splatgl.transfer.presets import PRESETS
+from splatgl.transfer.statistics import statistics
 from splatgl.viewer.adaptive_quality import FULL, LADDER, REST, TARGET, Level, Moment, Refiner
 from splatgl.viewer.document import Document
 from splatgl.viewer.tool import Place

@@ -11,9 +11,9 @@ import numpy as np
 
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Triple, Volume
-from splatgl.splat.scene import Layer, Scene
-from splatgl.splat.slice_images import Painted
-from splatgl.splat.slices import Slice, SlicePlane, Where, grid_normals, parse_slices, plane_through
+from splatgl.geometry.slice_images import Painted
+from splatgl.geometry.slices import Slice, SlicePlane, Where, grid_normals, parse_slices, plane_through
+from splatgl.planning.scene import Layer, Scene
 
 if TYPE_CHECKING:
     from splatgl.viewer.state import Slices, State

@@ -15,10 +15,10 @@ from splatgl.annotations.text import label, place_label
 from splatgl.data.color import Color
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
+from splatgl.geometry.camera import Camera
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.scene.meshes import is_mesh
-from splatgl.splat.camera import Camera
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.clip_tool import box_edges, handles, outline
 from splatgl.viewer.lasso_tool import lasso_strokes
 from splatgl.viewer.measure_tool import describe_pick, under_cursor

@@ -12,11 +12,11 @@ from imgui_bundle import imgui
 from splatgl.annotations.text import plain
 from splatgl.options import declared
 from splatgl.scene.meshes import is_mesh
-from splatgl.splat.colormaps import CORE
 from splatgl.splat.lighting import Light
 from splatgl.splat.settings import Settings
-from splatgl.splat.statistics import Statistics
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.colormaps import CORE
+from splatgl.transfer.statistics import Statistics
+from splatgl.transfer.transfer import Transfer
 from splatgl.viewer import hud, panel_sections, transfer_editor
 from splatgl.viewer.commands import HIGHEST, Command, why_not, with_settings, with_threshold
 from splatgl.viewer.document import Document

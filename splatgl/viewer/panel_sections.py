@@ -16,8 +16,8 @@ from splatgl.annotations.measures import measure_text
 from splatgl.annotations.text import legible, plain
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.volume import Volume
+from splatgl.geometry.clipping import Plane
 from splatgl.gl.screen import GROUNDS
-from splatgl.splat.clipping import Plane
 from splatgl.viewer.clip_tool import set_cuts
 from splatgl.viewer.commands import (
     ANATOMY,

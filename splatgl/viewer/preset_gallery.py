@@ -14,11 +14,11 @@ from splatgl.data.halving import subsample
 from splatgl.data.volume import Volume
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
-from splatgl.splat.presets import PRESETS, build_transfer
-from splatgl.splat.scene import Layer, Scene
+from splatgl.planning.scene import Layer, Scene
 from splatgl.splat.settings import Settings
-from splatgl.splat.statistics import Statistics
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.presets import PRESETS, build_transfer
+from splatgl.transfer.statistics import Statistics
+from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.panel_sections import label_left, shorten
 from splatgl.viewer.thumbnails import MOST_VOXELS, reduce_volume
 from splatgl.viewer.trackball import Pose

@@ -14,10 +14,10 @@ import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.errors import USER_ERRORS, InputError, error_text
+from splatgl.geometry.camera import Camera
+from splatgl.planning.scene import Scene
 from splatgl.reference import renderer
-from splatgl.splat.camera import Camera
 from splatgl.splat.kernels import BUILT_IN, KERNELS
-from splatgl.splat.scene import Scene
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.viewer.document import Document

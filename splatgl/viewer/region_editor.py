@@ -11,9 +11,9 @@ from splatgl.annotations.text import plain
 from splatgl.data.color import linear_from_srgb, srgb_of_name
 from splatgl.data.volume import Volume
 from splatgl.splat.extract_values import gradients
-from splatgl.splat.regions import ENDLESS, MOST_REGIONS, Region
-from splatgl.splat.statistics import Statistics
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.regions import ENDLESS, MOST_REGIONS, Region
+from splatgl.transfer.statistics import Statistics
+from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.panel_sections import pick_color, pick_opacity
 from splatgl.viewer.transfer_editor import HEIGHT, value_range
 

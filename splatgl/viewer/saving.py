@@ -17,14 +17,14 @@ from splatgl.data.color import linear_from_srgb
 from splatgl.data.image import SAVED, Image
 from splatgl.errors import USER_ERRORS, error_text, expected
 from splatgl.fileio import check_output, overwrites, write_file
+from splatgl.geometry.camera import Camera
 from splatgl.gl.screen import Sprite, Stroke
+from splatgl.planning.scene import Scene
 from splatgl.scene.draw import finish
 from splatgl.scene.meshes import MeshFile, surfaces_of
 from splatgl.scene.open_scene import OpenScene, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import OF_POINTS
-from splatgl.splat.camera import Camera
-from splatgl.splat.scene import Scene
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.viewer.commands import Copy

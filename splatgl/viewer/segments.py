@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.volume import Label, Volume
-from splatgl.splat.colormaps import labels_of, select_labels
+from splatgl.transfer.colormaps import labels_of, select_labels
 from splatgl.viewer.state import LayerStyle
 
 # planes that are searched at a time

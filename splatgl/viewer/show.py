@@ -22,11 +22,11 @@ from splatgl.scene.api import picture, scene_of
 from splatgl.scene.groups import ungrouped, with_groups
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 if TYPE_CHECKING:
+    from splatgl.geometry.camera import Camera
     from splatgl.keywords import RenderKeywords
-    from splatgl.splat.camera import Camera
     from splatgl.viewer.loading import Files, Reopen
     from splatgl.viewer.notebook import View
     from splatgl.viewer.viewer import Options

@@ -7,9 +7,9 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from splatgl.geometry.slice_images import Painted, Painter
 from splatgl.scene.meshes import is_mesh
-from splatgl.splat.presets import slice_colors
-from splatgl.splat.slice_images import Painted, Painter
+from splatgl.transfer.presets import slice_colors
 
 if TYPE_CHECKING:
     from splatgl.viewer.layer_splats import LayerSplats

@@ -14,12 +14,12 @@ from splatgl.annotations.canvas import clip_segments
 from splatgl.annotations.text import label
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.slice_images import Painter
+from splatgl.geometry.slices import ANATOMY, SlicePlane, world_axes
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.scene.meshes import is_mesh
-from splatgl.splat.camera import Camera
 from splatgl.splat.settings import BLENDS
-from splatgl.splat.slice_images import Painter
-from splatgl.splat.slices import ANATOMY, SlicePlane, world_axes
 from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.oblique import (
     STRAIGHT,

@@ -13,10 +13,10 @@ import numpy as np
 from splatgl.data.halving import FEWEST, halve_volume, subsample
 from splatgl.data.volume import Volume
 from splatgl.fileio import budget, format_bytes
-from splatgl.splat.bricks import bricks_of, estimate_need
+from splatgl.planning.bricks import bricks_of, estimate_need
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import MOST_KEPT
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 # most voxels that are read and shown at once, of a stand-in, and of a level that has coarser ones
 LARGE, STAND_IN, MOST_OF_LEVEL = 1 << 23, 1 << 23, 1 << 28

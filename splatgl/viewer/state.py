@@ -12,13 +12,13 @@ import numpy as np
 from splatgl.annotations.annotate import default_names
 from splatgl.annotations.canvas import Measure, Subject
 from splatgl.data.volume import Triple, Volume
+from splatgl.geometry.clipping import MOST_CLIPS, Plane, check_planes, index_plane
+from splatgl.geometry.scissors import Scissors
 from splatgl.scene.meshes import MeshFile
-from splatgl.splat.clipping import MOST_CLIPS, Plane, check_planes, index_plane
 from splatgl.splat.motion_blur import MOTIONS
-from splatgl.splat.regions import OPAQUE
-from splatgl.splat.scissors import Scissors
 from splatgl.splat.settings import Motions, Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.regions import OPAQUE
+from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.movie_track import Movie, Preview
 from splatgl.viewer.oblique import STRAIGHT, Turn, shares, slices_of
 from splatgl.viewer.trackball import Pose

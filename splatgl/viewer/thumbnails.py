@@ -13,11 +13,11 @@ from splatgl.data.halving import halve_volume
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
-from splatgl.splat.camera import Camera
-from splatgl.splat.scene import Scene
+from splatgl.geometry.camera import Camera
+from splatgl.planning.scene import Scene
 from splatgl.splat.settings import Settings
-from splatgl.splat.statistics import without_far_values
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.statistics import without_far_values
+from splatgl.transfer.transfer import Transfer
 
 # side of a picture, pixels; size of that of a transfer function
 SIDE, BAR = 192, (240, 48)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl.data.volume import Triple
+from splatgl.geometry.camera import Camera
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.camera import Camera
 from splatgl.viewer.tool import Place
 
 if TYPE_CHECKING:

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from splatgl.data.color import linear_from_srgb, srgb_of_name
 from splatgl.data.volume import Volume
-from splatgl.splat.iso import MOST_ISO, Iso
-from splatgl.splat.presets import SURFACE
-from splatgl.splat.statistics import Statistics, statistics
-from splatgl.splat.transfer import Nodes, Transfer
-from splatgl.splat.transfer_nodes import SHAPES, shape_nodes, shape_of
+from splatgl.transfer.iso import MOST_ISO, Iso
+from splatgl.transfer.presets import SURFACE
+from splatgl.transfer.statistics import Statistics, statistics
+from splatgl.transfer.transfer import Nodes, Transfer
+from splatgl.transfer.transfer_nodes import SHAPES, shape_nodes, shape_of
 from splatgl.viewer.color_strip import ColorStrip, add_point, move_point, remove_point
 from splatgl.viewer.panel_sections import label_left, pick_color, pick_opacity
 from splatgl.viewer.preset_gallery import EDITED

@@ -206,7 +206,7 @@ def test_ctrl_c(here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pyt
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("splatgl.splat.resolve.extract_for_settings", interrupt)
+    monkeypatch.setattr("splatgl.planning.resolve.extract_for_settings", interrupt)
     assert main(["render", "noise.npy"]) == 130
     assert said(capsys) == "splatgl: interrupted"
     assert [p.name for p in here.iterdir()] == ["noise.npy"]

@@ -20,7 +20,7 @@ from splatgl import fileio
 from splatgl.cli.main import main
 from splatgl.distributed import cluster, connected, worker
 from splatgl.distributed.render import PicturePart, join_parts, join_samples, render_slabs
-from splatgl.splat.bricks import Bricks, bricks_of
+from splatgl.planning.bricks import Bricks, bricks_of
 from splatgl.splat.settings import Settings
 from tests.helpers.bricks import ALL, PICTURES, RAMP, VIEWS, cameras, noise
 from tests.helpers.memory import allow_any_memory

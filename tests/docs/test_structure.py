@@ -20,7 +20,10 @@ LEVELS = (
     ("coercion", "keywords", "opengl"),
     ("data",),
     ("readers",),
+    ("transfer",),
+    ("geometry",),
     ("splat",),
+    ("planning",),
     ("gl", "reference", "comparison", "annotations", "writers"),
     ("distributed",),
     ("scene",),
@@ -31,18 +34,24 @@ LEVELS = (
 LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 # Methods that accept or return objects of a higher room or of other libraries import them when called, or as types.
 FACADES = {
+    "transfer/presets.py": {"splat"},
+    "geometry/clipping.py": {"splat"},
+    "geometry/grid.py": {"splat"},
+    "geometry/view.py": {"splat"},
+    "splat/extract.py": {"planning"},
+    "splat/lighting.py": {"planning"},
     "data/arrays.py": {"readers"},
-    "data/image.py": {"reference", "splat"},
+    "data/image.py": {"reference", "geometry", "planning", "splat", "transfer"},
     "data/mask.py": {"readers"},
     "data/mesh.py": {"integrations"},
     "data/volume.py": {"integrations", "writers"},
-    "splat/camera.py": {"integrations", "scene"},
-    "splat/scene.py": {"integrations"},
+    "geometry/camera.py": {"integrations", "scene"},
+    "planning/scene.py": {"integrations"},
     "splat/settings.py": {"integrations"},
     "scene/api.py": {"integrations"},
 }
 # One module of each import cycle that functions close: `Volume.of` and `Scene.of`.
-CYCLES = {"splatgl.data.volume", "splatgl.splat.scene"}
+CYCLES = {"splatgl.data.volume", "splatgl.planning.scene"}
 # Rooms whose classes inherit only from protocols, exceptions and classes of libraries.
 COMPOSED = ("viewer/",)
 # What reads, places, masks, cuts and extracts for a picture, and the one room that calls it above `splat`; and other
@@ -51,8 +60,8 @@ LOADER = "scene/"
 LOADING = {
     "splatgl.readers.load",
     "splatgl.splat.extract.extract",
-    "splatgl.splat.resolve.extract_for_settings",
-    "splatgl.splat.scissors.cut_volume",
+    "splatgl.planning.resolve.extract_for_settings",
+    "splatgl.geometry.scissors.cut_volume",
     *(".placed", ".masked", ".transfer_for"),
 }
 LOADS = {
@@ -270,7 +279,7 @@ def test_all_rooms_have_a_level() -> None:
 
 def test_scenes_are_opened_in_one_place() -> None:
     """No second loader: what draws takes its layers from `scene`."""
-    lower = LEVEL["splat"]
+    lower = LEVEL["planning"]
     upper = [path for path in files() if (room := room_of(path)) is not None and LEVEL[room] > lower]
     found = {relative(path): calls for path in upper if (calls := loading(path))}
     own = {place for place in found if place.startswith(LOADER)}
@@ -309,7 +318,7 @@ def test_moderngl_stays_in_gl() -> None:
 
 
 def test_reference_never_plans() -> None:
-    assert uses("reference/", "splatgl.splat.plan") == []
+    assert uses("reference/", "splatgl.planning.plan") == []
 
 
 def test_no_cycles_but_of_facades() -> None:
@@ -369,7 +378,7 @@ def test_functions_stay_small() -> None:
         ("splat/x.py", "import splatgl", 1),
         ("cli/x.py", "from splatgl import __version__", 0),
         ("reference/x.py", "from splatgl.gl.context import current", 1),
-        ("reference/x.py", "from splatgl.splat.resolve import Resolved\nfrom ..data import volume\nimport numpy", 0),
+        ("reference/x.py", "from splatgl.planning.resolve import Resolved\nfrom ..data import volume\nimport numpy", 0),
     ],
 )
 def test_wrong_imports_are_found(
@@ -387,9 +396,9 @@ def test_plans_in_reference_are_found(tmp_path: Path, monkeypatch: pytest.Monkey
     path = tmp_path / "reference" / "x.py"
     path.parent.mkdir()
     path.write_text(
-        "import splatgl.splat.plan\nfrom splatgl.splat import plan, resolve\nfrom splatgl.splat.plan import Plan"
+        "import splatgl.planning.plan\nfrom splatgl.planning import plan, order\nfrom splatgl.planning.plan import Plan"
     )
-    assert len(uses("reference/", "splatgl.splat.plan")) == 3
+    assert len(uses("reference/", "splatgl.planning.plan")) == 3
 
 
 def test_loaders_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

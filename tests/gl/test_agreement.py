@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.culling import clip_behind_eye
+from splatgl.geometry.view import GridView, centres_between, widening
+from splatgl.planning.culling import clip_behind_eye
 from splatgl.splat.kernels import kernel
-from splatgl.splat.view import GridView, centres_between, widening
 from tests.fuzz import error_bound
 from tests.helpers.noise import GRIDS, noise, views
 from tests.helpers.splatting import SPLATS

@@ -15,8 +15,8 @@ from splatgl.gl.context import current
 from splatgl.gl.program import build_compute
 from splatgl.gl.shader import SORT_BLOCK
 from splatgl.gl.tiles import Band, Lister, ProjectedSplats, Spec
-from splatgl.splat import bricks as bricking
-from splatgl.splat.bricks import Bricks, bricks_of
+from splatgl.planning import bricks as bricking
+from splatgl.planning.bricks import Bricks, bricks_of
 from tests.helpers.noise import noise
 from tests.helpers.splatting import SPLATS
 

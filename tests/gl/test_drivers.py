@@ -20,7 +20,7 @@ from driver_table import PICTURES, SCENES, SETTINGS, Subject
 import splatgl as sg
 from splatgl.gl import layer_quads, sheet_quads
 from splatgl.gl.layer_quads import LayerQuads
-from splatgl.splat.culling import Window
+from splatgl.planning.culling import Window
 
 # Mesa answers as an older driver
 DRIVERS = {

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.culling import AROUND_EYE, Frustum
+from splatgl.planning.culling import AROUND_EYE, Frustum
 from tests.helpers.noise import GRIDS, LOOKS, inside, noise
 from tests.helpers.splatting import SPLATS, each_two
 

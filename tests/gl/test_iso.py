@@ -14,11 +14,11 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.distributed.render import Part, join_parts
 from splatgl.gl.shader import compose
+from splatgl.planning import bricks
 from splatgl.reference.depth_map import depths
 from splatgl.reference.field import field_integral
 from splatgl.reference.pick import pick
-from splatgl.splat import bricks
-from splatgl.splat.iso import spline_crossings
+from splatgl.transfer.iso import spline_crossings
 from tests.helpers.memory import allow_any_memory
 
 pytestmark = pytest.mark.usefixtures("shared_programs")

@@ -208,7 +208,7 @@ def test_levels_of_a_store(
 
 
 def test_the_statistics_of_a_large_image_are_those_of_a_level(monkeypatch: pytest.MonkeyPatch) -> None:
-    from splatgl.splat import statistics
+    from splatgl.transfer import statistics
 
     volume = with_levels(sg.Volume(noise(np.random.default_rng(1), (32, 32, 32))), 2)
     monkeypatch.setattr(statistics, "MOST_OF_LEVEL", 16**3)

@@ -14,9 +14,9 @@ import splatgl as sg
 from splatgl.data.color import srgb_from_linear
 from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.near_sheets import NearSheets, grid_step
-from splatgl.splat.bricks import Bricks
-from splatgl.splat.preintegration import ValueClassifier
+from splatgl.planning.bricks import Bricks
 from splatgl.splat.sheets import NearField
+from splatgl.transfer.preintegration import ValueClassifier
 from tests.helpers.marcher import calm, march
 
 PLAIN = sg.Settings(antialias="off")

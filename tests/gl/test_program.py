@@ -11,8 +11,8 @@ import splatgl as sg
 from splatgl.gl.features import FEATURES
 from splatgl.gl.program import build, build_compute, splat_switches
 from splatgl.gl.shader import declared_switches
+from splatgl.planning.plan import Program
 from splatgl.splat.motion_blur import MOTIONS
-from splatgl.splat.plan import Program
 from splatgl.splat.settings import BLENDS, choices
 from tests.helpers.covering import covering
 from tests.helpers.noise import GRIDS as PLACED

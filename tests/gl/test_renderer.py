@@ -15,8 +15,8 @@ from splatgl.cli.output import _error
 from splatgl.data.scenes import letter_f
 from splatgl.gl.buffers import uneven
 from splatgl.gl.target import settle
+from splatgl.planning.plan import plan
 from splatgl.splat.motion import Moments
-from splatgl.splat.plan import plan
 from splatgl.viewer.adaptive_quality import return_free_memory, return_large_blocks
 from tests.helpers.memory import resident_mebibytes
 from tests.helpers.splatting import SPLATS

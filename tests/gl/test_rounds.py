@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.geometry.view import tangents
 from splatgl.gl.sheet_tiles import SheetOrder
-from splatgl.splat import clusters as clustering
-from splatgl.splat import technique as techniques
-from splatgl.splat.clusters import INSIDE, NAME_BITS, SIDE_BITS, Clusters, Part
-from splatgl.splat.culling import Window
-from splatgl.splat.plan import Plan
-from splatgl.splat.technique import COLUMNS, ROWS
-from splatgl.splat.view import tangents
+from splatgl.planning import clusters as clustering
+from splatgl.planning import technique as techniques
+from splatgl.planning.clusters import INSIDE, NAME_BITS, SIDE_BITS, Clusters, Part
+from splatgl.planning.culling import Window
+from splatgl.planning.plan import Plan
+from splatgl.planning.technique import COLUMNS, ROWS
 from tests.helpers.noise import GRIDS, LOOKS, inside, noise, views
 
 WHOLE = sg.Settings(compositing="sheets", occlusion="off", antialias="off")

@@ -14,8 +14,8 @@ import splatgl as sg
 from splatgl.gl import layers as layering
 from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.shader import SHAPES, choose_shape, compose, declared_switches
-from splatgl.splat import bricks as bricking
-from splatgl.splat.bricks import Bricks, bricks_of
+from splatgl.planning import bricks as bricking
+from splatgl.planning.bricks import Bricks, bricks_of
 from splatgl.splat.settings import BLENDS, Settings
 from tests.helpers.boxes import noise as label_noise
 from tests.helpers.boxes import splats_of

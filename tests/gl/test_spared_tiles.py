@@ -14,10 +14,10 @@ from splatgl.gl import spared_tiles, tiles
 from splatgl.gl.context import current
 from splatgl.gl.spared_tiles import SingleSamples
 from splatgl.gl.target import Portions
+from splatgl.planning.culling import Window
+from splatgl.planning.resolve import SPARED_SHARE
+from splatgl.planning.technique import COLUMNS
 from splatgl.reference.blend import pixel_means
-from splatgl.splat.culling import Window
-from splatgl.splat.resolve import SPARED_SHARE
-from splatgl.splat.technique import COLUMNS
 
 ALL = sg.Settings(antialias="supersample", samples=2)
 

@@ -10,8 +10,8 @@ import pytest
 import splatgl as sg
 from splatgl.gl.program import build, splat_switches
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
+from splatgl.planning.plan import Plan
 from splatgl.splat.kernels import kernel
-from splatgl.splat.plan import Plan
 from tests.helpers.noise import scale
 from tests.helpers.splatting import SPLATS
 

@@ -11,8 +11,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.gl import tiles
-from splatgl.splat import technique
-from splatgl.splat.culling import BLOCK, Frustum, block_boxes, blocks_in_frustum
+from splatgl.planning import technique
+from splatgl.planning.culling import BLOCK, Frustum, block_boxes, blocks_in_frustum
 from splatgl.splat.kernels import kernel, polynomials, single_reach
 from tests.helpers.noise import GRIDS, LOOKS, inside, noise, views
 from tests.helpers.splatting import SPLATS, each_two

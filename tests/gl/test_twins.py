@@ -17,11 +17,11 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.color import srgb_from_linear
+from splatgl.planning.resolve import END_CORRECTION
 from splatgl.reference.blend import blend_opacity, pixel_means
 from splatgl.reference.rays import Row
 from splatgl.splat.footprint import fill_depth, run_length_along, run_lengths
 from splatgl.splat.lighting import apply_light
-from splatgl.splat.resolve import END_CORRECTION
 from splatgl.splat.splats import OCTAVES, POINT, POINT_VALUE, VALUE, VOXEL, is_points, linear_color
 from tests.helpers.noise import GRIDS, noise, views
 from tests.helpers.splatting import SPLATS
@@ -56,7 +56,7 @@ PLUMBING = {
     *("begin_segments", "close_segment", "segment_of", "crossings", "meets_iso", "lit_surface", "light_direction"),
     # textures of meshes, which tests/scene/test_slices.py compares with float64
     *("is_hole", "keys_weights", "mesh_paint", "texel_at"),
-    # how rows of a tile join values, which tests/splat/test_one_value.py compares with float64
+    # how rows of a tile join values, which tests/planning/test_one_value.py compares with float64
     "join_values",
     *("set_column", "begin_matter", "set_layer", "keep_piece", "boxed", "within_depths"),
 }

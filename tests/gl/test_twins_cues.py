@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.ambient_occlusion import LightVolume
-from splatgl.splat.grid import trilinear
+from splatgl.geometry.grid import trilinear
+from splatgl.planning.ambient_occlusion import LightVolume
 from tests.helpers.noise import noise, views
 from tests.helpers.twins import COUNT, Twin
 

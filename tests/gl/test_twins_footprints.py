@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.geometry.view import GridView
 from splatgl.splat import footprint as approximations
 from splatgl.splat.footprint import Splat, form_bprime
 from splatgl.splat.kernels import Kernel, kernel, polynomials
 from splatgl.splat.line_integral import row1
-from splatgl.splat.view import GridView
 from tests.helpers.noise import GRIDS, inside, noise, views
 from tests.helpers.splatting import SPLATS
 from tests.helpers.twins import COUNT, Twin, some_voxels

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.geometry.view import GridView, perpendicular_axes, smallest_axis, tangents, voxel_ellipse
+from splatgl.planning.culling import PIXEL_MARGIN, Frustum
+from splatgl.planning.plan import Plan
+from splatgl.planning.technique import COLUMNS, ROWS
 from splatgl.reference.rays import pixel_ends
-from splatgl.splat.culling import PIXEL_MARGIN, Frustum
 from splatgl.splat.footprint import NEAR, Quads, quad_plane, table_quad
-from splatgl.splat.plan import Plan
-from splatgl.splat.technique import COLUMNS, ROWS
-from splatgl.splat.view import GridView, perpendicular_axes, smallest_axis, tangents, voxel_ellipse
 from tests.helpers.noise import GRIDS, inside, noise, views
 from tests.helpers.splatting import SPLATS
 from tests.helpers.twins import COUNT, Twin, pixel_of, some_voxels

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.geometry.mask_field import EDGE, ONE, ZERO, MaskField, clip_to_mask
 from splatgl.gl.meshes import MAPS_UNIT
 from splatgl.reference.rays import Rays
 from splatgl.reference.sheets import ray_offset
-from splatgl.splat.colormaps import FURTHEST, UNKNOWN, map_color, map_tables
-from splatgl.splat.mask_field import EDGE, ONE, ZERO, MaskField, clip_to_mask
+from splatgl.transfer.colormaps import FURTHEST, UNKNOWN, map_color, map_tables
 from tests.helpers.noise import views
 from tests.helpers.sheet_twins import RAMP, uniforms
 from tests.helpers.twins import COUNT, Twin

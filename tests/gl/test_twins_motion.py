@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.geometry.view import GridView, tangents
 from splatgl.gl.uniforms import frame_block
+from splatgl.planning.plan import Plan
 from splatgl.splat.motion import FAR, NEAREST, Streaks, eye_point, streak_of, streaks
 from splatgl.splat.motion_blur import COLUMNS, ROWS, blur_table, hermite, isolation, moving_opacity, stretched_footprint
-from splatgl.splat.plan import Plan
-from splatgl.splat.view import GridView, tangents
 from tests.helpers.noise import noise, views
 from tests.helpers.splatting import SPLATS
 from tests.helpers.streaks import inner_of, length_of, pass_kernels

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.geometry.clipping import FACE, FLUSH, Clip
+from splatgl.geometry.view import GridView
 from splatgl.gl.features import clip_uniforms
 from splatgl.gl.sheet_tiles import sheet_uniforms
 from splatgl.gl.textures import CLASS_UNIT, class_uniforms
+from splatgl.planning.plan import Plan
 from splatgl.reference import blend as blends
 from splatgl.reference.rays import Rays
 from splatgl.reference.sheets import (
@@ -25,14 +28,11 @@ from splatgl.reference.sheets import (
     remove_bend,
     weight_extinction,
 )
-from splatgl.splat.clipping import FACE, FLUSH, Clip
 from splatgl.splat.kernels import Kernel, kernel
 from splatgl.splat.lighting import surface_light
-from splatgl.splat.plan import Plan
-from splatgl.splat.preintegration import CELLS, ValueClassifier
 from splatgl.splat.settings import BLENDS
 from splatgl.splat.sheets import Sheets, layer_wave
-from splatgl.splat.view import GridView
+from splatgl.transfer.preintegration import CELLS, ValueClassifier
 from tests.helpers.noise import GRIDS, noise, views
 from tests.helpers.sheet_twins import RAMP, uniforms
 from tests.helpers.twins import COUNT, Twin

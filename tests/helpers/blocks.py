@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import splatgl as sg
-from splatgl.splat.clipping import Plane
+from splatgl.geometry.clipping import Plane
 from tests.helpers.noise import GRIDS
 
 OPACITY = 0.02

@@ -6,8 +6,8 @@ import numpy as np
 
 import splatgl as sg
 from splatgl.data.volume import Label
-from splatgl.splat.presets import label_transfer
 from splatgl.splat.splats import Splats
+from splatgl.transfer.presets import label_transfer
 
 RED, GREEN, BLUE = "#ff0000", "#00ff00", "#0000ff"
 # faint, half and solid

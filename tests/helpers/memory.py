@@ -7,7 +7,7 @@ import os
 import pytest
 
 from splatgl.gl import large_volumes
-from splatgl.splat.bricks import Bricks
+from splatgl.planning.bricks import Bricks
 
 
 def resident_mebibytes() -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import splatgl as sg
-from splatgl.splat.camera import Bounded
+from splatgl.geometry.camera import Bounded
 from splatgl.splat.kernels import Gaussian, Kernel, PiecewiseCubic
 
 GRIDS = {

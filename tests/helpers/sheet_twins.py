@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import splatgl as sg
 from splatgl.gl.sheet_tiles import sheet_uniforms
-from splatgl.splat.plan import Plan
+from splatgl.planning.plan import Plan
 
 RAMP = sg.Transfer([(0, 0), (1, 0.9)], colormap="hot", shading=True)
 

@@ -13,18 +13,18 @@ import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.view import GridView
+from splatgl.planning.resolve import AVERAGED, Resolved
 from splatgl.reference.rays import Boxes, Row, pixel_ends
 from splatgl.reference.renderer import SplatScene, draw_bands
-from splatgl.splat.camera import Camera
 from splatgl.splat.footprint import Quads, on_quads, run_length_along, table_quad
 from splatgl.splat.kernels import tabulate
 from splatgl.splat.line_integral import Integral, row1
 from splatgl.splat.motion import Motion, Streaks, streaks
 from splatgl.splat.motion_blur import MOTIONS, blur_table, energy_gain, isolation, paper_gain, stretched_footprint
-from splatgl.splat.resolve import AVERAGED, Resolved
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import GridView
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.geometry.view import GridView
 from splatgl.gl import shader
 from splatgl.gl.features import FIELD_UNITS, feature_uniforms
 from splatgl.gl.program import build, splat_switches
 from splatgl.gl.textures import BLUR_UNIT, FOOTPRINT_UNIT, HALF_LINE_UNIT
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
-from splatgl.splat.plan import Plan
-from splatgl.splat.view import GridView
+from splatgl.planning.plan import Plan
 
 COUNT = 2000
 UNITS = {"footprint_table": FOOTPRINT_UNIT, "half_table": HALF_LINE_UNIT, "blur_table": BLUR_UNIT, **FIELD_UNITS}

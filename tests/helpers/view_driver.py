@@ -26,7 +26,7 @@ from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
 from splatgl.readers import ome_zarr
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.transfer_nodes import color_points
+from splatgl.transfer.transfer_nodes import color_points
 from splatgl.viewer import hud, stand_in, trackball
 from splatgl.viewer.adaptive_quality import REST
 from splatgl.viewer.commands import Request

@@ -11,8 +11,8 @@ import pytest
 import splatgl as sg
 from splatgl.animation.camera_track import Swept, turning
 from splatgl.annotations.axes import letters
+from splatgl.planning.opaque_bounds import Opaque
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.opaque_bounds import Opaque
 
 STEP = np.array([2.0, 2.5, 3.0])
 SIZE = (14, 12, 10)

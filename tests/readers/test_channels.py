@@ -14,10 +14,10 @@ from splatgl.cli.main import main
 from splatgl.data.color import color_of_dye
 from splatgl.data.volume import Hints
 from splatgl.fileio import WHOLE_BYTES
+from splatgl.planning.scene import channel_transfers
 from splatgl.readers.chunked import Chunked
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions, orient_stack
-from splatgl.splat.scene import channel_transfers
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
 

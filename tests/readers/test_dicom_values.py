@@ -11,7 +11,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.readers.dicom_siemens import CSA, csa_numbers
-from splatgl.splat.presets import default_transfer
+from splatgl.transfer.presets import default_transfer
 
 pydicom = pytest.importorskip("pydicom")
 from tests.fuzz.seed_dicom import csa, image, mosaic_image, save  # noqa: E402

@@ -13,9 +13,9 @@ from splatgl.annotations.scale_bar import length_text
 from splatgl.data.affine import metres_in, unit_name
 from splatgl.data.times import seconds_in
 from splatgl.fileio import decode_text, load_table
+from splatgl.geometry.clipping import world_units
 from splatgl.readers.dicom_headers import plain_text
-from splatgl.splat.clipping import world_units
-from splatgl.splat.transfer_files import load_transfer
+from splatgl.transfer.transfer_files import load_transfer
 from splatgl.writers import save
 
 SAMPLES = np.arange(120, dtype="<i2")

@@ -13,8 +13,8 @@ from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.points import Points, median_spacing, size_classes
 from splatgl.data.volume import empty_volume
+from splatgl.planning.ray_overlap import ray_overlap
 from splatgl.readers.points import SOLID
-from splatgl.splat.ray_overlap import ray_overlap
 from splatgl.splat.splats import HALF_WIDTH
 from tests.helpers.points import BYTES, COLORED, PLACES, write_las, write_pcd, write_ply
 
@@ -167,7 +167,7 @@ def test_the_bound_counts_the_points_of_a_surface(
     part: int, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Not those of the blocks around it: no more than three times as many as a ray meets, in one part or several."""
-    monkeypatch.setattr("splatgl.splat.ray_overlap.PART", part)
+    monkeypatch.setattr("splatgl.planning.ray_overlap.PART", part)
     places = rng.normal(size=(10_000, 3))
     places *= 10 / np.linalg.norm(places, axis=1)[:, None]
     volume = cloud(places, 0.5, 0.3 * HALF_WIDTH)

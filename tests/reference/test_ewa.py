@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.geometry.grid import Grid
+from splatgl.geometry.view import GridView
 from splatgl.reference.ewa import Ewa
-from splatgl.splat.grid import Grid
 from splatgl.splat.kernels import kernel
-from splatgl.splat.view import GridView
 
 GAUSSIANS = sg.Settings.like("0.1", kernel="gaussian", attenuation="opacity", blend="xray")
 

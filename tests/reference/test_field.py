@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.planning.resolve import select_splats
 from splatgl.reference.field import field_integral, kept_field_integral, kernel_field, trilinear_field
 from splatgl.splat.kernels import FREE, kernel
 from splatgl.splat.prefilter import margin_of, prefilter
-from splatgl.splat.preintegration import ValueClassifier
-from splatgl.splat.resolve import select_splats
 from splatgl.splat.settings import BLENDS
+from splatgl.transfer.preintegration import ValueClassifier
 from tests.helpers.noise import GRIDS, LOOKS, inside, views
 
 STEP = 1e-5

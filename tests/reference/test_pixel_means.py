@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.planning.resolve import MOST_SAMPLES
 from splatgl.reference.blend import pixel_means
-from splatgl.splat.resolve import MOST_SAMPLES
 from tests.helpers.noise import noise, views
 from tests.helpers.splatting import SPLATS
 

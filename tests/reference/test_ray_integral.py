@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.geometry.view import GridView
 from splatgl.reference import ray_integral as integral
 from splatgl.reference.ray_integral import ray_integral
 from splatgl.reference.renderer import render
 from splatgl.splat.kernels import kernel
 from splatgl.splat.line_integral import row1
-from splatgl.splat.view import GridView
 from tests.helpers.splatting import SPLATS
 
 

@@ -7,6 +7,9 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.scenes import letter_f
+from splatgl.geometry.view import GridView
+from splatgl.planning.ordering import back_to_front, order_for
+from splatgl.planning.resolve import Resolved
 from splatgl.reference import rays
 from splatgl.reference.blend import ADD, Band, Part, Sum, pixel_means
 from splatgl.reference.rays import Boxes, Pixels, pixel_boxes, splats_may_reach
@@ -14,9 +17,6 @@ from splatgl.reference.renderer import render, render_pixels, resolve_scene
 from splatgl.splat.footprint import ROWS, Splat
 from splatgl.splat.kernels import kernel
 from splatgl.splat.line_integral import row1
-from splatgl.splat.ordering import back_to_front, order_for
-from splatgl.splat.resolve import Resolved
-from splatgl.splat.view import GridView
 from tests.helpers.noise import GRIDS, noise, views
 from tests.helpers.splatting import SPLATS
 

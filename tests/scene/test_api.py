@@ -20,13 +20,13 @@ from splatgl import fileio
 from splatgl.animation.animation import Animation
 from splatgl.cli.main import main
 from splatgl.opengl import OpenGL
+from splatgl.planning.opaque_bounds import Opaque
 from splatgl.platforms import has_display
 from splatgl.scene import shared_renderer
 from splatgl.scene.draw import DrawOptions, draw
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.opaque_bounds import Opaque
 from splatgl.viewer import show
 from splatgl.viewer.show import in_notebook
 from tests.helpers.memory import allow_any_memory

@@ -16,7 +16,7 @@ from splatgl.readers.dicom_suv import ANGIOGRAM, is_angiogram
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.presets import SOLID, default_transfer, preset, window_question
+from splatgl.transfer.presets import SOLID, default_transfer, preset, window_question
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
 

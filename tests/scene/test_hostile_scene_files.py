@@ -12,7 +12,7 @@ import pytest
 from splatgl.errors import InputError
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 READ: dict[str, Callable[[Path], object]] = {"scene": SceneFile.from_toml, "transfer": Transfer.load}
 HEAD = 'volume = "tunnel"\n'

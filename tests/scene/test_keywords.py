@@ -21,7 +21,7 @@ from splatgl.scene.api import scene_of
 from splatgl.scene.groups import PLAIN
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.adaptive_quality import FULL
 from splatgl.viewer.document import Document
 from splatgl.viewer.frame_renderer import FrameRenderer

@@ -13,9 +13,9 @@ import splatgl as sg
 from splatgl import reference
 from splatgl.cli.main import main
 from splatgl.gl import layers as layer_tiles
+from splatgl.planning.scene import join_pictures
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.scene import join_pictures
 from splatgl.splat.settings import Technique
 
 pytestmark = pytest.mark.usefixtures("shared_programs")

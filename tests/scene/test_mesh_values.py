@@ -15,12 +15,12 @@ from splatgl.annotations.canvas import BLACK, AnnotationView, Canvas, Scale
 from splatgl.annotations.color_bar import _bars
 from splatgl.cli.main import main
 from splatgl.errors import InputError
+from splatgl.geometry.clipping import check_planes
 from splatgl.scene.meshes import MeshFile
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.clipping import check_planes
-from splatgl.splat.colormaps import colormap
+from splatgl.transfer.colormaps import colormap
 from splatgl.viewer.document import Document
 from splatgl.viewer.overlays import annotation_inputs
 from splatgl.viewer.state import State

@@ -14,9 +14,9 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.cli.presets import subsampled
 from splatgl.data.halving import halve_volume, subsample
+from splatgl.planning.scene import channel_opacity
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.extract import extract
-from splatgl.splat.scene import channel_opacity
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document

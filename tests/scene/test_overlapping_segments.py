@@ -12,7 +12,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.data.volume import Label
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.colormaps import select_labels
+from splatgl.transfer.colormaps import select_labels
 from splatgl.viewer.document import Document
 from splatgl.viewer.saving import render_scene, scene_of
 from splatgl.viewer.segments import list_segments

@@ -14,10 +14,10 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.data.affine import World
 from splatgl.data.volume import Axis
+from splatgl.geometry.scissors import Scissors
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.scissors import Scissors
 from splatgl.viewer.document import Document
 from splatgl.viewer.stand_in import StandIn
 from splatgl.writers.surface import save_mesh

@@ -11,8 +11,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.volume import Volume
-from splatgl.splat.presets import default_transfer
-from splatgl.splat.statistics import ground_of, mean_deviation, sampled_steps, statistics
+from splatgl.transfer.presets import default_transfer
+from splatgl.transfer.statistics import ground_of, mean_deviation, sampled_steps, statistics
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
 # offset, noise (standard deviation), least Jaccard index of what is kept, relative to the best of any threshold

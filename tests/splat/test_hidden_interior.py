@@ -9,11 +9,11 @@ import pytest
 
 import splatgl as sg
 from splatgl.errors import InputError
+from splatgl.planning.bricks import Bricks
+from splatgl.planning.resolve import select_splats
 from splatgl.splat import extract, hidden_interior
-from splatgl.splat.bricks import Bricks
 from splatgl.splat.hidden_interior import LIGHT, HiddenInterior, depths_from_outside
-from splatgl.splat.preintegration import ValueClassifier
-from splatgl.splat.resolve import select_splats
+from splatgl.transfer.preintegration import ValueClassifier
 
 SIDE = 48
 # steps of marched rays, in cells

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.geometry.grid import Grid
+from splatgl.geometry.view import GridView
 from splatgl.splat.footprint import ROWS, Splat, on_quads, table_quad
-from splatgl.splat.grid import Grid
 from splatgl.splat.kernels import Gaussian, kernel, tabulate
 from splatgl.splat.line_integral import row1
-from splatgl.splat.view import GridView
 
 KERNELS = ("crawfis-max", "gaussian")
 TURN = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]

@@ -108,8 +108,8 @@ def test_streaks_go_from_the_first_place_to_the_last(points: sg.Splats, camera: 
 
 
 def test_what_stands_still_stays_bit_for_bit(points: sg.Splats, camera: sg.Camera) -> None:
+    from splatgl.geometry.view import GridView
     from splatgl.splat.kernels import kernel
-    from splatgl.splat.view import GridView
 
     right = GridView.of(points.grid, camera, kernel("crawfis-max")).voxels(points.positions)
     for motion, shutter in ((Motion(), 180), (Motion(spin=(0, 0, 9)), 0), (Motion(flow=np.zeros((40, 3))), 360)):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.opaque_bounds import Opaque
-from splatgl.splat.presets import PRESETS, preset, slice_colors
-from splatgl.splat.statistics import statistics
+from splatgl.planning.opaque_bounds import Opaque
+from splatgl.transfer.presets import PRESETS, preset, slice_colors
+from splatgl.transfer.statistics import statistics
 
 TYPES = ("uint8", ">i2", "int64", "float16", ">f4", "float64")
 

@@ -14,9 +14,9 @@ import splatgl as sg
 from splatgl.gl import sheet_quads, sheet_tiles, target, tiles
 from splatgl.gl.sheet_quads import SheetQuads
 from splatgl.gl.target import Interrupted
+from splatgl.planning.ordering import order_for
 from splatgl.reference.ray_integral import ray_integral
 from splatgl.splat.kernels import KERNELS, depth_deviation, kernel
-from splatgl.splat.ordering import order_for
 from splatgl.splat.settings import BlendMode, Technique
 from splatgl.splat.sheets import Sheets
 from tests.helpers.noise import GRIDS, LOOKS, close_up, inside, views

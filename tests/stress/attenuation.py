@@ -8,7 +8,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from splatgl.splat.camera import Camera
+from splatgl.geometry.camera import Camera
 from splatgl.splat.kernels import kernel
 from splatgl.splat.settings import choices
 from splatgl.splat.splats import Splats

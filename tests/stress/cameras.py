@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from splatgl.splat.camera import Camera
+from splatgl.geometry.camera import Camera
 from splatgl.splat.footprint import NEAR, half_line
 from splatgl.splat.kernels import Gaussian, kernel
 from tests.stress.case import (

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 
 from splatgl import reference
 from splatgl.data.volume import Volume
-from splatgl.splat.camera import Camera
+from splatgl.geometry.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.kernels import kernel
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer

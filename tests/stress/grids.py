@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 
 from splatgl.data.volume import Triple, Volume
-from splatgl.splat.camera import Camera
+from splatgl.geometry.camera import Camera
 from splatgl.splat.kernels import kernel
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 from tests.stress.case import (
     PICTURE_BOUND,
     SHAPE_BOUND,

@@ -8,15 +8,15 @@ import numpy as np
 
 from splatgl.data.scenes import ball
 from splatgl.data.volume import Volume
+from splatgl.geometry.camera import Camera
+from splatgl.planning.resolve import depth_range
 from splatgl.reference import renderer
 from splatgl.report.methods import DEFAULT, methods
-from splatgl.splat.camera import Camera
 from splatgl.splat.extract import POST_KERNEL, extract
 from splatgl.splat.kernels import FREE, kernel
-from splatgl.splat.resolve import depth_range
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 from tests.stress.case import (
     SHAPE_BOUND,
     UP,

@@ -9,10 +9,10 @@ from itertools import product
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.camera import Camera
+from splatgl.geometry.camera import Camera
 from splatgl.splat.kernels import kernel
-from splatgl.splat.regions import OPAQUE
 from splatgl.splat.splats import Splats
+from splatgl.transfer.regions import OPAQUE
 from tests.stress.case import (
     PICTURE_BOUND,
     Bench,

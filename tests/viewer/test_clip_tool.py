@@ -10,8 +10,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
+from splatgl.geometry.clipping import crop_planes
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.clipping import crop_planes
 from splatgl.viewer.clip_tool import (
     HandleDrag,
     direction_on_sphere,

@@ -12,10 +12,10 @@ import pytest
 import splatgl as sg
 from splatgl.animation.animation import Animation, Timeline
 from splatgl.animation.camera_track import Turning, keyframes
+from splatgl.geometry.scissors import Scissors
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions, angles
-from splatgl.splat.scissors import Scissors
 from splatgl.viewer.document import Document
 from splatgl.viewer.state import State
 from tests.helpers.commands import acted

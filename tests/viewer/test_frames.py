@@ -12,12 +12,12 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.halving import subsample
+from splatgl.geometry.scissors import Scissors
 from splatgl.readers import load
 from splatgl.scene.meshes import MeshFile
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.scissors import Scissors
 from splatgl.viewer import layer_splats
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs

@@ -22,7 +22,7 @@ import splatgl as sg
 from splatgl.annotations.text import legible, plain
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.kernels import KERNELS
-from splatgl.splat.transfer_nodes import with_color_points
+from splatgl.transfer.transfer_nodes import with_color_points
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, STRIDES, IdleTrim
 from splatgl.viewer.commands import Copy

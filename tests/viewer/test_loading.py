@@ -12,9 +12,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from splatgl.geometry.scissors import Scissors
 from splatgl.scene.meshes import MeshFile, read_meshes
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.scissors import Scissors
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES, Refiner
 from splatgl.viewer.commands import Leave, Open, OpenOption, Request

@@ -17,7 +17,7 @@ from splatgl.annotations.text import FONT, Text, _fit_block
 from splatgl.data.volume import Volume
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
-from splatgl.splat.statistics import statistics
+from splatgl.transfer.statistics import statistics
 from splatgl.viewer import hud, loading, viewer
 from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from splatgl.data.volume import Volume
-from splatgl.splat.presets import PRESETS, preset
-from splatgl.splat.statistics import statistics
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.presets import PRESETS, preset
+from splatgl.transfer.statistics import statistics
+from splatgl.transfer.transfer import Transfer
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, pointed
 
@@ -170,7 +170,7 @@ def test_gradients_keep_their_form_and_presets_are_those_of_the_volume(monkeypat
     assert module.with_gradient(curve, 2.0, 2.0).gradient == ()
     volume = Volume(blob().samples)
     stats, right = statistics(volume), {name: preset(name, volume) for name in PRESETS}
-    monkeypatch.setattr("splatgl.splat.presets.statistics", None)
+    monkeypatch.setattr("splatgl.transfer.presets.statistics", None)
     gallery = module.PresetGallery()
     gallery._begin(volume, stats)
     assert gallery.transfers == right

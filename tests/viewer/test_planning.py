@@ -12,8 +12,8 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.gl import renderer as renderers
+from splatgl.planning import scene as scenes
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat import scene as scenes
 from splatgl.viewer.adaptive_quality import FULL
 from splatgl.viewer.document import Document
 from splatgl.viewer.frame_renderer import FrameRenderer

@@ -13,8 +13,8 @@ import pytest
 import splatgl as sg
 from splatgl.data.volume import Volume
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.regions import MOST_REGIONS, Region
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.regions import MOST_REGIONS, Region
+from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.commands import Copy
 from splatgl.viewer.document import Document
 from splatgl.viewer.saving import copy_text, render_scene, scene_of

@@ -13,8 +13,8 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.data.volume import Label
 from splatgl.errors import InputError
+from splatgl.geometry.slice_images import Painted
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.slice_images import Painted
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import describe_pick, under_cursor
 from splatgl.viewer.saving import save_scene, scene_of

@@ -10,9 +10,9 @@ import pytest
 import splatgl as sg
 from splatgl.data.halving import subsample
 from splatgl.fileio import PROCESS
+from splatgl.planning.bricks import EACH, SAMPLE
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.bricks import EACH, SAMPLE
 from splatgl.splat.settings import Settings
 from splatgl.viewer import stand_in
 from splatgl.viewer.adaptive_quality import STRIDES

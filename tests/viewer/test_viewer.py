@@ -17,11 +17,11 @@ from splatgl.annotations.text import Overlay, Text, draw_overlay, plain
 from splatgl.cli.main import main
 from splatgl.data.halving import halve_volume
 from splatgl.gl.screen import Screen
+from splatgl.planning.culling import eye_is_outside, visible_shell
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.culling import eye_is_outside, visible_shell
 from splatgl.splat.settings import BLENDS, Settings
-from splatgl.splat.statistics import statistics
+from splatgl.transfer.statistics import statistics
 from splatgl.viewer import color_strip, hud, transfer_editor
 from splatgl.viewer.adaptive_quality import FULL, LADDER, STRIDES, Level, Moment, Pace, Refiner
 from splatgl.viewer.commands import COMMANDS

@@ -16,7 +16,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.comparison.image_regression import ImageRegression
 from splatgl.data.color import linear_from_srgb
-from splatgl.splat.bricks import bricks_of, estimate_need
+from splatgl.planning.bricks import bricks_of, estimate_need
 from splatgl.splat.settings import choices
 from splatgl.viewer import transfer_editor
 from splatgl.viewer.commands import COMMANDS

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from paper.figures.paper_setup import Stretched, straight_ahead
 
+from splatgl.geometry.camera import Camera
 from splatgl.report.plots import (
     BLACK,
     BLUE,
@@ -23,7 +24,6 @@ from splatgl.report.plots import (
     sheet,
 )
 from splatgl.report.tables import Table
-from splatgl.splat.camera import Camera
 from splatgl.splat.footprint import ROWS, Splat, row1
 from splatgl.splat.kernels import kernel
 

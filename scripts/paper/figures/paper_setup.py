@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from splatgl.splat.camera import Camera
+from splatgl.geometry.camera import Camera
 from splatgl.splat.kernels import Gaussian, Kernel
 
 # fraction of the volume's length before z_k in the paper's plots: 102.4 of 512

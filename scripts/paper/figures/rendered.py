@@ -34,16 +34,16 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source, write_file
+from splatgl.geometry.camera import Camera
 from splatgl.options import Kind, declared
+from splatgl.planning.resolve import blur_form
 from splatgl.report.tables import PAGE, Table
 from splatgl.scene.draw import DrawOptions
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.motion import Draw, Moments, count_moments, streaks
 from splatgl.splat.motion_blur import MOTIONS
-from splatgl.splat.resolve import blur_form
 from splatgl.splat.settings import FULL_SHUTTER, MAX_MOMENTS, Attenuation, Blend, Settings
 from splatgl.splat.splats import Splats
 

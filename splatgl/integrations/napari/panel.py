@@ -17,17 +17,17 @@ from splatgl.data.arrays import of_napari
 from splatgl.data.image import Image
 from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
 from splatgl.integrations import color_nodes, opacity_nodes, plane_through
+from splatgl.planning.scene import LEAST, THROUGH, Layer, Scene
 from splatgl.scene.shared_renderer import shared_renderer
-from splatgl.splat.camera import Camera
-from splatgl.splat.colormaps import SOLID, colormap_name, labels_of
-from splatgl.splat.presets import SURFACE
-from splatgl.splat.scene import LEAST, THROUGH, Layer, Scene
 from splatgl.splat.settings import BLENDS, Blend, Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.colormaps import SOLID, colormap_name, labels_of
+from splatgl.transfer.presets import SURFACE
+from splatgl.transfer.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.splat.clipping import Plane
+    from splatgl.geometry.clipping import Plane
 
 # largest level of a multiscale layer that is drawn, voxels
 MOST_VOXELS = 2**26

@@ -13,7 +13,7 @@ from splatgl import readers
 from splatgl.data.color import color_of_dye
 from splatgl.data.volume import Volume
 from splatgl.readers import FORMATS
-from splatgl.splat.statistics import sampled_steps
+from splatgl.transfer.statistics import sampled_steps
 
 LayerData = tuple[Any, dict[str, Any], str]
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from splatgl.data.mesh import SIDES, Mesh
 from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
 from splatgl.integrations.vtk.properties import clip_planes, matrix_of, vtk_plane
-from splatgl.splat.camera import Camera
 
 # name of the colour array, which VTK's filters pass on with the geometry
 COLORS = "splatgl colors"

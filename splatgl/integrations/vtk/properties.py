@@ -9,10 +9,10 @@ import numpy as np
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.geometry.clipping import Plane
 from splatgl.integrations import color_nodes, opacity_nodes
-from splatgl.splat.clipping import Plane
 from splatgl.splat.lighting import Light
-from splatgl.splat.transfer import Nodes, Transfer
+from splatgl.transfer.transfer import Nodes, Transfer
 
 # samples of functions that are not piecewise linear, and maximum number of control colours
 SAMPLES, COLORS = 1024, 256

@@ -12,16 +12,16 @@ from splatgl.data.color import srgb_from_linear
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.clipping import Plane
 from splatgl.integrations.vtk.image_data import image_data, import_pyvista, poly_data
 from splatgl.integrations.vtk.properties import property_of, vtk_plane
+from splatgl.planning.scene import Layer, Scene
 from splatgl.scene.open_scene import with_background
-from splatgl.splat.camera import Camera
-from splatgl.splat.clipping import Plane
-from splatgl.splat.colormaps import paint_vertices
 from splatgl.splat.lighting import Light
-from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import BLENDS, Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.colormaps import paint_vertices
+from splatgl.transfer.transfer import Transfer
 from splatgl.writers.surface import iso_mesh
 
 # default view of a scene, degrees

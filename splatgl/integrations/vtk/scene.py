@@ -12,16 +12,16 @@ from splatgl.data.affine import spacing_and_direction
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import ArrayOptions, Volume, triple
 from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.clipping import Plane
 from splatgl.integrations import opacity_nodes
 from splatgl.integrations.vtk.image_data import select_array, volumes_from_components
 from splatgl.integrations.vtk.meshes import meshes_of, texture_differences
 from splatgl.integrations.vtk.properties import clip_planes, matrix_of, transfer_of
+from splatgl.planning.scene import Layer, Scene
 from splatgl.scene.meshes import stage
-from splatgl.splat.camera import Camera
-from splatgl.splat.clipping import Plane
-from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import BLENDS, Blend, Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.transfer.transfer import Transfer
 
 # VTK's light types: at the eye, and positioned in camera axes
 AT_EYE, OF_CAMERA = 1, 2

@@ -1,0 +1,341 @@
+"""Slices: planes through a volume by text, and their directions in pictures.
+
+`x=12`, `y=40%` and `z` are planes of the grid: by the number of a voxel from 0 on, a share of the axis, or the middle
+voxel. `z=30mm` is a plane across the world's axis. `axial`, `coronal` and `sagittal` are the planes of a patient that
+are nearest. `X,Y,Z:NX,NY,NZ` is a plane through a point across a normal, world units.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import permutations
+from math import isfinite
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.geometry.resample import Raster
+from splatgl.options import Group, Kind, Option
+
+# right and down in a slice as (axis, sign), by the world axis across it. For patients, down is posterior or inferior,
+# and right is left or posterior, as in 3D Slicer; for others, z and y point up.
+PATIENT = {2: ((0, 1), (1, 1)), 1: ((0, 1), (2, -1)), 0: ((1, 1), (2, -1))}
+OTHERS = {2: ((0, 1), (1, -1)), 1: ((0, 1), (2, -1)), 0: ((1, 1), (2, -1))}
+ANATOMY = ("sagittal", "coronal", "axial")
+AXES = {**{name: axis for axis, name in enumerate("xyz")}, **{name: axis for axis, name in enumerate(ANATOMY)}}
+# smallest component of a scene's up along an axis that it points along
+UPRIGHT = 0.7
+# most slices of a picture
+MOST_SLICES = 1024
+FORM = "AXIS=PLACE, such as z=120, z=50%, z=30mm, axial or z=10:90:8, or X,Y,Z:NX,NY,NZ, a point and a normal"
+NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?"
+PLACE = rf"({NUMBER})(%|[^\W\d_]*)"
+# between a plane and its opacity
+AT = "@"
+
+
+class Where(NamedTuple):
+    """A parsed text. name: of the axis; numbers: the place, or start, stop and step; unit: "" of voxels, "%", or of
+    length. point, normal: of a plane without an axis.
+    """
+
+    text: str
+    name: str = ""
+    numbers: tuple[float | None, ...] = ()
+    unit: str = ""
+    point: tuple[float, ...] = ()
+    normal: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, text: str) -> Where:
+        """Raises InputError for text of another form."""
+        compact = text.replace(" ", "").lower()
+        name, equals, place = compact.partition("=")
+        if name in AXES and bool(equals) == bool(place):
+            parts = [re.fullmatch(PLACE, part) if part else None for part in place.split(":")]
+            units = {match[2] for match in parts if match}
+            known = [bool(match) == bool(part) for match, part in zip(parts, place.split(":"), strict=True)]
+            numbers = tuple(float(match[1]) if match else None for match in parts)
+            known += [number is None or isfinite(number) for number in numbers]
+            if all(known) and len(parts) <= 3 and len(units) <= 1:
+                return cls(text, name, numbers, units.pop() if units else "")
+        try:
+            point, normal = (tuple(float(n) for n in part.split(",")) for part in compact.split(":"))
+        except ValueError:
+            point = normal = ()
+        if len(point) != 3 or len(normal) != 3 or not any(normal) or not np.isfinite((*point, *normal)).all():
+            raise expected("slice", FORM, repr(text))
+        return cls(text, point=point, normal=normal)
+
+
+@dataclass(frozen=True)
+class Slice:
+    """A plane in which a scene shows the values of its layers. where: text as of `--slice`, also with "@" and an
+    opacity from 0 to 1; or a point and a normal, world units. Raises InputError otherwise.
+
+    ```python
+    sg.Slice("axial=30mm"), sg.Slice("z=50%@0.5"), sg.Slice(((10, 20, 30), (0, 1, 1)))
+    ```
+    """
+
+    where: str | Sequence[Sequence[float]]
+
+    def __post_init__(self) -> None:
+        where = self.where
+        if not isinstance(where, str):
+            try:
+                where = ":".join(",".join(f"{float(n)!r}" for n in part) for part in where)
+            except (TypeError, ValueError):
+                raise expected("slice", FORM, repr(where)[:80]) from None
+            object.__setattr__(self, "where", where)
+        place, at, opacity = where.partition(AT)
+        Where.of(place)
+        try:
+            known = not at or 0 <= float(opacity) <= 1
+        except ValueError:
+            known = False
+        if not known:
+            raise expected("slice", "an opacity from 0 to 1 after @", repr(opacity))
+
+    @property
+    def place(self) -> str:
+        """The text without its opacity."""
+        return str(self.where).partition(AT)[0]
+
+    @property
+    def opacity(self) -> float:
+        """From 0 to 1."""
+        return float(str(self.where).partition(AT)[2] or 1)
+
+
+@dataclass(frozen=True, eq=False)
+class SlicePlane:
+    """A plane in a volume's world. point [3]: on it; right, down [3]: unit vectors of its picture, at right angles.
+
+    title: its place in words. outline [N, 2]: corners, along right and down from the point, of the part in the volume.
+    """
+
+    point: np.ndarray
+    right: np.ndarray
+    down: np.ndarray
+    title: str
+    outline: np.ndarray
+
+    @cached_property
+    def normal(self) -> np.ndarray:
+        """Unit vector [3] away from the viewer."""
+        return np.cross(self.right, self.down)
+
+    @property
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """The least and greatest place [2] of the outline, world units along right and down."""
+        return self.outline.min(axis=0), self.outline.max(axis=0)
+
+    @property
+    def corners(self) -> np.ndarray:
+        """World points [N, 3] of the outline."""
+        return np.asarray(self.point + self.outline @ np.array([self.right, self.down]))
+
+    def raster(self, volume: Volume, low: np.ndarray, pitch: Sequence[float], size: tuple[int, int]) -> Raster:
+        """Grid positions of pixels. low [2]: their left upper edge along right and down; pitch: sides, world units."""
+        into = np.linalg.inv(volume.world_from_index)
+        across, down = self.right * pitch[0], self.down * pitch[1]
+        corner = self.point + self.right * low[0] + self.down * low[1] + (across + down) / 2
+        return Raster(into @ (corner - np.asarray(volume.origin)), into @ across, into @ down, size)
+
+
+def check_slices(value: Any) -> tuple[str, ...]:
+    """Texts of slices from one or several texts. Raises InputError for another form."""
+    texts = (value,) if isinstance(value, str) else tuple(value)
+    for text in texts:
+        Where.of(text if isinstance(text, str) else repr(text))
+    return texts
+
+
+def check_planes(value: Any) -> tuple[str, ...]:
+    """Texts of planes in space from one or several texts or Slices. Raises InputError for another form."""
+    several = (value,) if isinstance(value, str | Slice) else tuple(value)
+    return tuple(str((item if isinstance(item, Slice) else Slice(item)).where) for item in several)
+
+
+SLICES = Option(
+    Kind("slices", check_slices, metavar="AXIS=PLACE", hint="str | Sequence[str]"),
+    "draw slices instead, such as z=120, z=50%, axial=30mm, z=10:90:8. Or through POINT:NORMAL; repeatable",
+    Group.PICTURE,
+    flag="--slice",
+    repeat=True,
+)
+SLICE_PLANES = Option(
+    Kind("slices", check_planes, metavar="AXIS=PLACE[@OPACITY]", hint="str | Sequence[Any]"),
+    "show a slice as a plane in space, such as z=120 or axial@0.5. Places as of --slice; repeatable",
+    Group.LAYERS,
+    flag="--slice-plane",
+    repeat=True,
+)
+
+
+def parse_slices(texts: str | Sequence[str], volume: Volume, up: np.ndarray | None = None) -> tuple[SlicePlane, ...]:
+    """The planes of texts, ranges as several. up [3]: of the scene. Raises InputError for other text, and for planes
+    beside the volume.
+    """
+    planes: list[SlicePlane] = []
+    upwards = np.array([0.0, 0.0, 1.0]) if up is None else up
+    for text in [texts] if isinstance(texts, str) else texts:
+        where = Where.of(text)
+        if where.name:
+            planes += [_axis_plane(where, volume, upwards, at) for at in _places(where, volume)]
+        else:
+            normal = _unit(np.array(where.normal))
+            planes.append(plane_through(volume, np.array(where.point), normal, upwards, text=text))
+        if len(planes) > MOST_SLICES:
+            raise expected("slice", f"at most {MOST_SLICES} slices", f"more by {text}")
+    return tuple(planes)
+
+
+def _places(where: Where, volume: Volume) -> list[float]:
+    """Places along the axis, in the unit."""
+    size, numbers, unit = volume.shape[2 - grid_axis(volume, where.name)], where.numbers, where.unit
+    if len(numbers) == 1:
+        return [float(size // 2) if numbers[0] is None else numbers[0]]
+    ends = (0.0, float(size)) if not unit else (0.0, 100.0) if unit == "%" else _ends(volume, where)
+    first, stop = (end if number is None else number for number, end in zip(numbers[:2], ends, strict=True))
+    step = 1.0 if len(numbers) < 3 or numbers[2] is None else numbers[2]
+    if not (step > 0 and first < stop and (stop - first) / step <= MOST_SLICES):
+        raise expected("slice", f"START:STOP:STEP of up to {MOST_SLICES} slices, upwards", repr(where.text))
+    return [float(at) for at in np.arange(first, stop, step)]
+
+
+def _length(where: Where, volume: Volume) -> float:
+    """World units per unit of the place."""
+    from splatgl.geometry.clipping import world_units
+
+    return world_units(where.unit, volume.unit, where.text, "slice")
+
+
+def _ends(volume: Volume, where: Where) -> tuple[float, float]:
+    """The ends of the volume along a world axis, in the unit."""
+    along = volume.corners[:, AXES[where.name]] / _length(where, volume)
+    return float(along.min()), float(along.max())
+
+
+def grid_axis(volume: Volume, name: str) -> int:
+    """The axis of the grid of a name: x, y, z, or that nearest to the patient's. InputError without directions."""
+    if name not in ANATOMY:
+        return AXES[name]
+    if volume.frame is None:
+        raise expected("slice", "x, y or z, as the file states no patient directions", name)
+    return world_axes(volume).index(AXES[name])
+
+
+def world_axes(volume: Volume) -> tuple[int, int, int]:
+    """The nearest world axis of each axis of the grid, all different."""
+    columns = np.abs(volume.world_from_index) / np.linalg.norm(volume.world_from_index, axis=0)
+    x, y, z = max(permutations(range(3)), key=lambda order: sum(columns[order[axis], axis] for axis in range(3)))
+    return x, y, z
+
+
+def _axis_plane(where: Where, volume: Volume, up: np.ndarray, at: float) -> SlicePlane:
+    """The plane across an axis: of the grid by voxels or a share, of the world by a length."""
+    name, unit = where.name, where.unit
+    axis = grid_axis(volume, name)
+    title = f"{name} {at:.6g}{'' if unit in ('', '%') else ' '}{unit}"
+    if unit not in ("", "%"):
+        point = volume.center
+        point[AXES[name]] = at * _length(where, volume)
+        return plane_through(volume, point, np.eye(3)[AXES[name]], up, title, where.text)
+    size = volume.shape[2 - axis]
+    index = at if not unit else at / 100 * size - 0.5
+    if not -0.5 <= index <= size - 0.5:
+        this = f"a voxel from 0 to {size - 1} along {'xyz'[axis]}" if not unit else "a share from 0% to 100%"
+        fix = f"{name}={at:g}{volume.unit or 'units'} is a place in the world" if not unit else ""
+        raise expected("slice", this, repr(where.text), fix)
+    return grid_plane(volume, axis, index, up, title, where.text)
+
+
+def grid_plane(volume: Volume, axis: int, index: float, up: np.ndarray, title: str, text: str = "") -> SlicePlane:
+    """The plane at an index along an axis of the grid. Raises InputError as `plane_through`."""
+    middle = (np.array(volume.shape[::-1]) - 1) / 2
+    middle[axis] = index
+    point = volume.world_from_index @ middle + np.asarray(volume.origin)
+    return plane_through(volume, point, grid_normals(volume)[axis], up, title, text, True)
+
+
+def grid_normals(volume: Volume) -> np.ndarray:
+    """Unit vectors [3, 3] across the planes of the grid, in rows, towards larger indices."""
+    rows = np.linalg.inv(volume.world_from_index)
+    return np.asarray(rows / np.linalg.norm(rows, axis=1)[:, None])
+
+
+def plane_through(
+    volume: Volume,
+    point: np.ndarray,
+    normal: np.ndarray,
+    up: np.ndarray,
+    title: str = "",
+    text: str = "",
+    grid: bool = False,
+) -> SlicePlane:
+    """The plane through a point [3] across a unit vector [3]. grid: whether rows and columns follow the grid's axes,
+    not the world's. Raises InputError, naming `text`, for a plane beside the volume.
+    """
+    directions, nearest, facing = np.eye(3), (0, 1, 2), int(np.abs(normal).argmax())
+    if grid:
+        directions, nearest = volume.world_from_index, world_axes(volume)
+        facing = nearest[int(np.abs(grid_normals(volume) @ normal).argmax())]
+    (across, right_sign), (along, down_sign) = pane_axes(volume.frame, facing, up)
+    right, down = (directions[:, nearest.index(axis)] for axis in (across, along))
+    right, down = (
+        vector * (1 if vector[axis] * sign > 0 else -1)
+        for vector, axis, sign in ((right, across, right_sign), (down, along, down_sign))
+    )
+    right = _unit(right - (right @ normal) * normal)
+    down = _unit(down - (down @ normal) * normal - (down @ right) * right)
+    from splatgl.geometry.clipping import clip_corners
+
+    d = float(normal @ point)
+    row = (float(normal[0]), float(normal[1]), float(normal[2]))
+    corners = clip_corners([(*row, d), (-row[0], -row[1], -row[2], -d)], volume.corners)
+    outline = _around(np.stack([(corners - point) @ right, (corners - point) @ down], axis=1))
+    if len(outline) < 3:
+        raise expected("slice", "a plane through the volume", repr(text or title))
+    at = f"through {_triple(point.tolist())}, across {_triple(normal.tolist())}"
+    return SlicePlane(point, right, down, title or at, outline)
+
+
+def _around(points: np.ndarray) -> np.ndarray:
+    """Distinct corners [N, 2] of a convex polygon, in order."""
+    if len(points) < 3:
+        return np.zeros((0, 2))
+    size = max(float(np.ptp(points, axis=0).max()), 1e-300)
+    points = points[np.unique((points / (size * 1e-6)).round(), axis=0, return_index=True)[1]]
+    from_middle = points - points.mean(axis=0)
+    return np.asarray(points[np.argsort(np.arctan2(from_middle[:, 1], from_middle[:, 0]))])
+
+
+def pane_axes(frame: str | None, normal: int, up: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
+    """World axes, and their signs, to the right and down in the slice across a world axis."""
+    if frame:
+        turned = -1 if frame == "RAS" else 1
+        right, down = PATIENT[normal]
+        signs = {0: turned, 1: turned, 2: 1}
+        return (right[0], right[1] * signs[right[0]]), (down[0], down[1] * signs[down[0]])
+    right, down = OTHERS[normal]
+    upright = int(np.argmax(np.abs(up)))
+    if abs(up[upright]) >= UPRIGHT and upright in (right[0], down[0]):
+        other = right[0] if upright == down[0] else down[0]
+        return (other, 1), (upright, -1 if up[upright] > 0 else 1)
+    # seen from the other side
+    return right, (down[0], -down[1] if upright == normal and up[upright] <= -UPRIGHT else down[1])
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _triple(numbers: Any) -> str:
+    return ",".join(f"{number:.6g}" for number in numbers)

@@ -1,0 +1,1 @@
+"""What one picture needs: layers, order, techniques, bounds."""

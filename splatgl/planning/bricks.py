@@ -1,0 +1,409 @@
+"""Volumes larger than memory: bricks in the order of sheets, and the memory that they need.
+
+Sheets are spheres around the eye. A sheet is complete once no brick is left that could hold a splat of it; its splats
+are then handed out, in batches whose sheets never fall. Records equal those of the whole volume, since each brick is
+read with the halo that they depend on.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from splatgl.data.volume import Volume, zyx_index
+from splatgl.errors import expected
+from splatgl.fileio import PROCESS, budget, byte_count, format_bytes, held_within_budget
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.view import GridView
+from splatgl.planning.culling import AROUND_EYE
+from splatgl.planning.resolve import reach_outside, why_per_splat
+from splatgl.readers.chunked import COPIES, Chunked
+from splatgl.readers.common import is_mapped
+from splatgl.splat.extract import POST_KERNEL, why_only_pre
+from splatgl.splat.extract_values import box_records, boxes, gaps_of, post_splats
+from splatgl.splat.hidden_interior import HiddenInterior
+from splatgl.splat.kernels import Kernel
+from splatgl.splat.kernels import kernel as kernel_named
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.sheets import NearField, Sheets, near_box
+from splatgl.splat.splats import MOST_KEPT, Splats, record_type
+from splatgl.transfer.preintegration import ValueClassifier
+from splatgl.transfer.transfer import Transfer
+
+# voxels along a brick's sides, and voxels that are searched for missing samples at a time
+SIDE, PART = 64, 1 << 22
+# maximum number of voxels that are read to find hidden ones
+MOST_SEARCHED = 1 << 28
+# least number of splats in a batch, except the last: with little memory, and with enough
+LEAST_BATCH, BATCH = 1 << 16, 1 << 19
+# bricks per thread that are extracted in advance
+AHEAD = 2
+# sheets by which float32 may place a splat nearer than float64
+SLACK = 1
+
+# a sheet beyond all others
+FAR = 2**30
+
+# first and last sheet of a range, as `Sheets.base` counts them
+Shell = tuple[int, int]
+# records, and the first sheet of each, in ascending order
+SheetRecords = tuple[np.ndarray, np.ndarray]
+# whether any voxel of a box, from low to high (x, y, z), may be visible
+IsVisible = Callable[[np.ndarray, np.ndarray], bool]
+
+
+@dataclass(frozen=True, eq=False)
+class Bricks:
+    """A volume in boxes of voxels. low, high int64 [B, 3]: brick b holds the voxels low ≤ (x, y, z) < high.
+
+    found: number of splats of each extracted brick. gaps: number of missing samples beside them, known once a brick is
+    read. shell: range of sheets whose splats are drawn; None: all. hidden: voxels that are left out. interiors:
+    those that were searched, by reach. threads: that extract bricks. batch: least number of splats drawn together.
+    """
+
+    volume: Volume
+    post: ValueClassifier
+    low: np.ndarray
+    high: np.ndarray
+    found: dict[int, int] = field(default_factory=dict)
+    gaps: dict[int, int] = field(default_factory=dict)
+    shell: Shell | None = None
+    hidden: HiddenInterior | None = None
+    interiors: dict[int, HiddenInterior | None] = field(default_factory=dict)
+    threads: int = 1
+    batch: int = BATCH
+
+    @classmethod
+    def of(cls, volume: Volume, post: ValueClassifier, side: int = SIDE) -> Bricks:
+        """Divides the whole volume into bricks of `side` voxels, to be drawn within the memory budget."""
+        size = np.array(volume.shape[::-1])
+        count = -(-size // side)
+        low = np.stack(np.unravel_index(np.arange(count.prod()), count), axis=1) * side
+        return cls(volume, post, low, np.minimum(low + side, size)).limited(budget())
+
+    def limited(self, memory: int, parted: int = 0) -> Bricks:
+        """The bricks, extracted by as many threads and drawn in as large batches as fit into `memory` bytes beside
+        `parted` bytes, of which each band takes its part.
+        """
+        spare = max(memory - self.least(parted), 0)
+        each = THREAD + self.decoding
+        threads = min(1 + spare // 2 // each, os.cpu_count() or 1)
+        more = (spare - each * (threads - 1)) // 2 // BATCHED
+        return replace(self, threads=threads, batch=int(np.clip(LEAST_BATCH + more, LEAST_BATCH, BATCH)))
+
+    @property
+    def held(self) -> int:
+        """Bytes of samples in memory, or of decoded chunks."""
+        samples = self.volume.samples
+        if isinstance(samples, np.ndarray):
+            return 0 if is_mapped(samples) else samples.nbytes
+        return max(held_within_budget(byte_count(samples.shape, samples.dtype)), self.decoding)
+
+    @property
+    def decoding(self) -> int:
+        """Bytes that a thread takes to decode a chunk of the samples."""
+        samples = self.volume.samples
+        return COPIES * byte_count(samples.chunks, samples.dtype) if isinstance(samples, Chunked) else 0
+
+    @property
+    def fixed(self) -> int:
+        """Bytes of the process that draws a picture, beside the picture's own and those of splats that wait."""
+        return BRICKS + (THREAD + self.decoding) * (self.threads - 1) + BATCHED * self.batch + self.held
+
+    def least(self, parted: int) -> int:
+        """Bytes of the process that draws by one thread, in the smallest batches and most bands, which share `parted`
+        bytes.
+        """
+        least = replace(self, threads=1, batch=LEAST_BATCH)
+        return least.fixed + max(-(-parted // MOST_BANDS), min(parted, LEAST))
+
+    @property
+    def kernel(self) -> Kernel:
+        """The kernel that reconstructs the values."""
+        return kernel_named(self.post.kernel)
+
+    @cached_property
+    def whole(self) -> Splats:
+        """Two splats at opposite corners of the volume's box, from which a picture of the volume is planned."""
+        records = np.zeros(2, record_type(self.volume.shape, post=True))
+        records["position"][1] = np.array(self.volume.shape[::-1]) - 1
+        return post_splats(
+            self.volume, self.post, records, gaps_of(self.volume, self.post, boxes(self.volume.shape, PART))
+        )
+
+    @property
+    def probes(self) -> Splats:
+        """One splat at the first voxel of each brick, to measure the paths of moving pictures."""
+        places = self.low[np.lexsort(self.low.T)]
+        records = np.zeros(len(places), record_type(self.volume.shape, post=True))
+        records["position"] = places
+        return post_splats(self.volume, self.post, records)
+
+    def without_hidden(self, camera: Camera, settings: Settings) -> Bricks:
+        """The bricks without voxels inside matter from which the picture gets no light."""
+        reach = reach_outside(self.whole, settings, camera)
+        if not reach or self.volume.count > MOST_SEARCHED:
+            return self
+        if reach not in self.interiors:
+            self.interiors[reach] = HiddenInterior.of(self.volume, self.post, self.whole.unit, reach)
+        return replace(self, hidden=self.interiors[reach])
+
+    def _extract_ahead(
+        self, order: list[int], sheets: Sheets, view: GridView, is_visible: IsVisible
+    ) -> Iterator[SheetRecords]:
+        """Yields the records of bricks in the given order, extracted in advance by threads; none if invisible."""
+
+        def work(brick: int) -> SheetRecords:
+            records = self.records(brick)
+            base = sheets.base(sheets.places(view, records["position"])).astype(np.int32)
+            self.found[brick] = len(records)
+            if self.shell is not None:
+                first, last = self.shell
+                self.found[brick] = int(((base >= first) & (base < last)).sum())
+                in_shell = (base >= first - sheets.count) & (base <= last + 1)
+                records, base = records[in_shell], base[in_shell]
+            by_sheet = np.argsort(base, kind="stable")
+            return records[by_sheet], base[by_sheet]
+
+        nothing = np.zeros(0, record_type(self.volume.shape, post=True)), np.zeros(0, np.int32)
+        waiting: deque[Future[SheetRecords] | None] = deque()
+        with ThreadPoolExecutor(self.threads) as pool:
+            try:
+                for brick in order:
+                    wanted = is_visible(self.low[brick], self.high[brick] - 1)
+                    waiting.append(pool.submit(work, brick) if wanted else None)
+                    if len(waiting) > AHEAD * self.threads:
+                        first = waiting.popleft()
+                        yield first.result() if first else nothing
+                while waiting:
+                    first = waiting.popleft()
+                    yield first.result() if first else nothing
+            finally:
+                # an interrupted picture waits for no brick
+                for future in waiting:
+                    if future:
+                        future.cancel()
+
+    def records(self, brick: int) -> np.ndarray:
+        """Extracts the records of one brick, in row order."""
+        # `whole` masks the gaps of samples in memory
+        gaps: list[np.ndarray] | None = None if isinstance(self.volume.samples, np.ndarray) else []
+        low, high = zyx_index(self.low[brick]), zyx_index(self.high[brick])
+        inside = self.hidden.inside if self.hidden else None
+        records = box_records(self.volume, self.post, self.kernel, (low, high), gaps, inside)
+        self.gaps[brick] = sum(map(len, gaps or ()))
+        return records
+
+    def surround_eye(self, view: GridView) -> bool:
+        """Whether the eye may be inside a kernel, or a kernel of the picture may cross the eye's plane."""
+        forward = view.eye_from_index[2]
+        nearest = np.where(forward > 0, 0, np.array(self.volume.shape[::-1]) - 1)
+        return view.perspective and bool(forward @ (nearest - view.eye_index) <= AROUND_EYE * view.reach)
+
+    def nearest(self, sheets: Sheets, view: GridView) -> np.ndarray:
+        """int64 [B]: first sheet of the point of each brick that is nearest to the eye."""
+        if view.perspective:
+            return sheets.base(sheets.places(view, np.clip(view.eye_index, self.low, self.high - 1)))
+        return sheets.base(self._corner_places(sheets, view).min(axis=0))
+
+    def _corner_places(self, sheets: Sheets, view: GridView) -> np.ndarray:
+        """[8, B]: distances of each brick's corners, in sheets."""
+        ends = np.stack([self.low, self.high - 1])
+        corners = [ends[[x, y, z], :, [0, 1, 2]].T for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+        return np.stack([sheets.places(view, corner) for corner in corners])
+
+    def near(self, sheets: Sheets, view: GridView) -> NearField | None:
+        """The near field of the voxels around the eye; None if there are none."""
+        size = np.array(self.volume.shape[::-1])
+        box = near_box(view, sheets, np.stack([np.zeros(3), size - 1.0]))
+        if box is None:
+            return None
+        low, high = (zyx_index(np.clip(end, 0, size)) for end in box)
+        records = box_records(self.volume, self.post, self.kernel, (low, high))
+        return NearField.of_records(records, box, view, sheets)
+
+    def within(self, sheets: Sheets, view: GridView, shell: Shell) -> Bricks:
+        """The bricks that contribute to a range of sheets, restricted to it."""
+        furthest = sheets.base(self._corner_places(sheets, view).max(axis=0))
+        overlaps = (self.nearest(sheets, view) <= shell[1] + 1) & (furthest >= shell[0] - sheets.count)
+        return replace(self, low=self.low[overlaps], high=self.high[overlaps], found={}, gaps={}, shell=shell)
+
+    def shells(self, sheets: Sheets, view: GridView, count: int) -> list[Shell]:
+        """At most `count` ranges of sheets with about equally many bricks, nearest first."""
+        nearest = np.sort(self.nearest(sheets, view))
+        cuts = np.unique(nearest[np.arange(1, count) * len(nearest) // count])
+        ends = [-FAR, *cuts[cuts > nearest[0]].tolist(), FAR]
+        return list(pairwise(ends))
+
+    def batches(self, sheets: Sheets, view: GridView, is_visible: IsVisible) -> Iterator[tuple[np.ndarray, int]]:
+        """Yields batches of records, with the number of bricks done. is_visible: is called before a brick is read."""
+        nearest = self.nearest(sheets, view)
+        order = np.argsort(nearest, kind="stable")
+        # records in the order of their sheets, and their sheets
+        waiting: list[tuple[np.ndarray, np.ndarray]] = []
+        for n, arrived in enumerate(self._extract_ahead(order.tolist(), sheets, view, is_visible)):
+            waiting += [arrived] if len(arrived[0]) else []
+            last = n + 1 == len(order)
+            limit = np.iinfo(np.int32).max if last else int(nearest[order[n + 1]]) - SLACK
+            if sum(_count_before(waiting, limit)) < self.batch and not last:
+                continue
+            for end in self._cuts(waiting, limit):
+                ready = _count_before(waiting, end)
+                nothing = np.zeros(0, record_type(self.volume.shape, post=True))
+                batch = np.concatenate(
+                    [nothing, *(records[:many] for (records, _), many in zip(waiting, ready, strict=True))]
+                )
+                pairs = zip(waiting, ready, strict=True)
+                waiting = [_split_off(*pair, many) for pair, many in pairs if many < len(pair[0])]
+                yield batch, n + 1
+                del batch
+
+    def _cuts(self, waiting: list[SheetRecords], limit: int) -> list[int]:
+        """Sheets at which the splats before `limit` are parted into batches of about `batch`, of at least one sheet."""
+        bases = [base[: np.searchsorted(base, limit)] for _, base in waiting]
+        first = min((int(base[0]) for base in bases if len(base)), default=limit)
+        last = max((int(base[-1]) for base in bases if len(base)), default=limit)
+        counts = sum((np.bincount(base - first, minlength=last + 1 - first) for base in bases), np.zeros(1, np.int64))
+        number = np.cumsum(counts) // max(self.batch, 1)
+        return [*(first + np.flatnonzero(np.diff(number)) + 1).tolist(), limit]
+
+
+def _count_before(waiting: list[SheetRecords], sheet: int) -> list[int]:
+    """The number of splats of each that come before a sheet."""
+    return [int(np.searchsorted(base, sheet)) for _, base in waiting]
+
+
+def _split_off(records: np.ndarray, base: np.ndarray, end: int) -> SheetRecords:
+    """Returns records and sheets from `end` on, copied if that frees more than half of their memory."""
+    total = len(records) if records.base is None else len(records.base)
+    if 2 * (len(records) - end) < total:
+        return records[end:].copy(), base[end:].copy()
+    return records[end:], base[end:]
+
+
+# peak bytes of a splat that is drawn with all others, beside those of the process, from 0 to 10 million splats
+EACH = 100
+# bytes in bricks: of the process, its programs, buffers and extraction by one thread; by each further thread, with its
+# bricks in advance; per splat of a batch; per splat that waits; least for splats that wait and samples; and maximum
+# number of bands
+BRICKS, THREAD, BATCHED, WAITING, LEAST, MOST_BANDS = 350 << 20, 120 << 20, 270, 64, 32 << 20, 16
+# bytes per sample of the picture: target, resolved and read-back copies, and open sheets
+SAMPLE = 160
+# boxes that are read for an estimate, voxels along their sides, and steps between them as shares of the volume's sides:
+# the R sequence in three dimensions, which leaves no gaps (Roberts 2018)
+PROBES, PROBE_SIDE, STEPS = 64, 24, (0.8191725134, 0.6710436067, 0.5497004779)
+# standard errors that are added to an estimate, and the number of splats assumed if no box holds any
+ERRORS, MISSED = 2.0, 3.0
+
+
+@dataclass(frozen=True)
+class Need:
+    """Estimated memory of a picture. splats: estimated number; most: its upper limit, by the standard error.
+
+    bytes: peak to extract and draw `most` splats at once. waiting: bytes of splats in bricks that wait to be drawn.
+    samples: number of the picture's samples.
+    """
+
+    splats: int
+    most: int
+    bytes: int
+    waiting: int
+    samples: int
+
+    def __str__(self) -> str:
+        """Number of splats, and the memory for them and for everything else."""
+        count = f"up to about {self.most:,} splats"
+        samples = format_bytes(self.bytes - EACH * self.most)
+        return f"{count} take {format_bytes(EACH * self.most)}, samples and pixels {samples}"
+
+    def fitted(self, bricks: Bricks, memory: int) -> tuple[Bricks, int]:
+        """The bricks and the number of bands of rows with which the process takes up to `memory` bytes. Raises
+        InputError if it takes more with any.
+        """
+        least = bricks.least(self.parted)
+        if least > memory:
+            this, fix = f"at least {format_bytes(least)} for this picture", "a smaller --size or a coarser --level"
+            raise expected("memory", this, format_bytes(memory), f"give more --memory, {fix}")
+        bricks = bricks.limited(memory, self.parted)
+        room = max(memory - bricks.fixed, LEAST)
+        return bricks, int(np.clip(-(-self.parted // room), 1, MOST_BANDS))
+
+    @property
+    def parted(self) -> int:
+        """Bytes of the samples and of splats that wait, which bands share."""
+        return self.waiting + SAMPLE * self.samples
+
+
+def needed_together(needs: Sequence[Need]) -> Need:
+    """The memory of a picture of several channels, which share its samples and all that one volume needs beside."""
+    shared = (len(needs) - 1) * (PROCESS + SAMPLE * needs[0].samples)
+    totals = {name: sum(getattr(need, name) for need in needs) for name in ("splats", "most", "waiting")}
+    return Need(bytes=sum(need.bytes for need in needs) - shared, samples=needs[0].samples, **totals)
+
+
+def estimate_need(bricks: Bricks, pixels: int, enough: int) -> Need:
+    """Estimates the memory of a picture. Reads nothing if all voxels fit into `enough` bytes and into the GPU.
+
+    pixels: number of the picture's samples.
+    """
+    volume = bricks.volume
+    mapped = isinstance(volume.samples, np.ndarray) and is_mapped(volume.samples)
+    there = 0 if mapped else volume.count * volume.samples.dtype.itemsize
+    other = PROCESS + SAMPLE * pixels + there
+    size = np.array(volume.shape[::-1])
+    # a layer across the volume, as thick as a brick's diagonal, of which half is drawn on average
+    layer = int(np.sort(size)[1:].prod() * min(SIDE, int(size.min())))
+    all_splats = Need(volume.count, volume.count, other + EACH * volume.count, WAITING * layer, pixels)
+    if all_splats.bytes <= enough and volume.count <= MOST_KEPT:
+        return all_splats
+    # boxes that hold more voxels than the volume give way to it
+    side, count = (PROBE_SIDE, PROBES) if volume.count > PROBES * PROBE_SIDE**3 else (int(size.max()), 1)
+    low = spread_places(np.maximum(size - side, 0), count)
+    # a thin volume yields the same place several times
+    low, same = np.unique(low, axis=0, return_inverse=True)
+    probes = Bricks(volume, bricks.post, low, np.minimum(low + side, size))
+    voxels = (probes.high - low).prod(axis=1)[same.ravel()]
+    shares = np.array([len(probes.records(n)) for n in range(len(low))])[same.ravel()] / voxels
+    share = float(np.average(shares, weights=voxels))
+    # if no box holds a splat, as many as all boxes miss with a probability of 1/20
+    most = min(max(share + ERRORS * float(shares.std()) / np.sqrt(count), MISSED / float(voxels.sum())), 1.0)
+    splats, many = (int(np.ceil(part * volume.count)) for part in (share, most))
+    return Need(splats, many, other + EACH * many, int(WAITING * share * layer), pixels)
+
+
+def spread_places(most: np.ndarray, count: int) -> np.ndarray:
+    """int64 [count, 3]: evenly distributed places from 0 to `most` (x, y, z); so is every prefix of them."""
+    place = (0.5 + np.outer(np.arange(count), STEPS)) % 1.0
+    return np.asarray((place * most).round().astype(np.int64))
+
+
+def bricks_of(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks | None:
+    """The volume in bricks; None if the settings need voxels classified before reconstruction."""
+    if settings.classification == "pre" or why_only_pre(volume, transfer, 0.0) or why_per_splat(settings, moving=False):
+        return None
+    kernel = settings.kernel if settings.kernel != "auto" else POST_KERNEL
+    all_values = BLENDS[settings.blend].one_value
+    return Bricks.of(volume, ValueClassifier.of(transfer.on(volume), kernel, volume.shape[::-1], all_values))
+
+
+def required_bricks(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks:
+    """The volume in bricks. Raises InputError, with the reason, if it needs voxels classified before reconstruction."""
+    bricks = bricks_of(volume, transfer, settings)
+    if bricks is None:
+        why = why_only_pre(volume, transfer, 0.0) or why_per_splat(settings, moving=False) or "classification pre"
+        raise expected("a picture in parts", "values classified after reconstruction", why, "draw it whole, alone")
+    return bricks
+
+
+def excess_need(bricks: Bricks, size: tuple[int, int], memory: int) -> Need | None:
+    """Memory needed by a picture of `size` (width, height); None if all splats fit into `memory` bytes and the GPU."""
+    # samples are at most 2 × 2 where voxels are not narrower than pixels
+    wanted = estimate_need(bricks, 4 * size[0] * size[1], memory)
+    return None if wanted.bytes <= memory and wanted.most <= MOST_KEPT else wanted

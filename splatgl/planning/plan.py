@@ -1,0 +1,348 @@
+"""`Plan`: all decisions for one picture.
+
+`program` holds the enums and booleans that select shader text and GL state, and is the key of the
+program cache; the rest is numbers for uniforms, so that a moving camera compiles nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from splatgl.coercion import public
+from splatgl.errors import expected
+from splatgl.geometry.camera import Camera
+from splatgl.geometry.view import GridView
+from splatgl.planning.culling import Window, clip_behind_eye, eye_is_near, screen_bounds
+from splatgl.planning.resolve import Appearance, Resolved, blur_form, classification_notes, select_splats
+from splatgl.planning.technique import (
+    MOST_DOUBLINGS,
+    SHARE,
+    Hiding,
+    Request,
+    alignment,
+    choose_footprint,
+    choose_technique,
+    depth_batches,
+    exp_doublings,
+)
+from splatgl.splat.kernels import BOX, Kernel, has_negative
+from splatgl.splat.motion import Exposure, Motion, count_moments
+from splatgl.splat.motion_blur import MOTIONS
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.splats import Splats, is_points
+from splatgl.transfer.regions import describe_regions
+
+
+@dataclass(frozen=True)
+class Lookup:
+    """A footprint's table: its kernel's name, kind, size and bits."""
+
+    kernel: str
+    kind: str
+    size: int
+    bits: int
+
+
+@dataclass(frozen=True)
+class Blurred:
+    """Motion blur of a picture. settings: with the form of streaks. camera: in the middle of the
+    exposure. exposure: of streaks, else None. moments: number of pictures whose mean it is, else 0.
+    """
+
+    settings: Settings
+    camera: Camera
+    exposure: Exposure | None = None
+    moments: int = 0
+
+    @classmethod
+    def of(cls, splats: Splats, camera: Camera, settings: Settings, motion: Motion | None, notes: list[str]) -> Blurred:
+        """Resolves the blur of the settings; adds notes."""
+        form, exposure = blur_form(splats, settings), Exposure.of(camera, settings.shutter, motion)
+        if form == "off" and motion is not None and not motion.still:
+            notes.append("motion blur left out: the setting motion is off; the picture would be another")
+        elif exposure is None and form != "off":
+            notes.append("motion blur left out: nothing moves; the picture is the same")
+        if form == "off" or exposure is None or motion is None:
+            return cls(settings, camera)
+        if form == "moments":
+            splats = select_splats(splats, settings, True, camera)
+            count = settings.moments or count_moments(splats, camera, motion, settings.shutter)
+            if settings.motion in MOTIONS:
+                notes.append(f"motion {settings.motion} left out: {settings.blend} of a streak is none of its moments")
+            notes.append(f"motion blur: the mean of pictures at {count} times, shutter {settings.shutter:g}°")
+            return cls(settings, exposure.middle, None, count)
+        drawn = f"motion blur {form}, shutter {settings.shutter:g}°, on quads"
+        notes.append(f"{drawn}; its error bound is to straight streaks")
+        notes.append(f"streaks are straight: where paths bend most they are off by {exposure.bend(splats):.2g} pixels")
+        count = settings.moments or 1
+        if count > 1:
+            notes.append(f"the mean of {count} pictures, each streaked over its part of the paths")
+        return cls(settings.but(motion=form), exposure.middle, exposure, count if count > 1 else 0)
+
+
+# texels along an axis: as in the paper, and for an error of 1e−5 of a radial table
+TABLE_SIZES = {"table": 256, "radial": 1024, "polynomial": 1, "single": 1, "box": 1}
+
+
+@dataclass(frozen=True)
+class Seen:
+    """View properties. antialias: whether any voxel is widened. cubic: whether voxels are cubes.
+
+    half_line: whether the eye may be inside a kernel.
+    """
+
+    perspective: bool
+    antialias: bool
+    cubic: bool
+    half_line: bool
+
+
+@dataclass(frozen=True)
+class Program:
+    """Compile-time choices, the key of the program cache.
+
+    footprint: its source, table, radial, polynomial, single (polynomial) or box. kernel: whose polynomials are compiled
+    in. motion: form of streaks. flow: whether splats have individual velocities. points: whether positions are no
+    voxel centres; see splats.py. exp_doublings: see optics.glsl.
+    """
+
+    technique: str
+    look: Appearance
+    seen: Seen
+    align: str
+    footprint: str
+    kernel: str = ""
+    motion: str = "off"
+    flow: bool = False
+    points: bool = False
+    exp_doublings: int = MOST_DOUBLINGS
+
+    @property
+    def runs(self) -> bool:
+        """Whether opacities depend on the run lengths of matter around splats."""
+        return self.look.attenuation == "fill" and (self.seen.antialias or self.motion != "off")
+
+    @property
+    def boxes(self) -> bool:
+        """Whether splats are boxes of voxels."""
+        return self.footprint == "box"
+
+    @property
+    def bent(self) -> bool:
+        """Whether a footprint is more than a quadratic form; see tiles.glsl."""
+        return self.seen.antialias and self.align == "exact"
+
+    @property
+    def packed(self) -> bool:
+        """Whether tiles store gradient components in 17 bits, finer than a single polynomial's weights."""
+        return self.technique == "tiles" and self.look.steps > 0 and self.footprint == "single" and not self.bent
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The plan of a picture. order: back-to-front or front-to-back. notes: omitted steps with reasons, a line each.
+
+    z_s: depth where `hybrid` switches, world units. window: the pixels, or samples, that splats reach. splats: those
+    that are drawn. settings: as they were given. exposure: that of streaks. moments: pictures that it is the mean of,
+    planned for the middle of the exposure; 0: none.
+    """
+
+    program: Program
+    resolved: Resolved
+    lookup: Lookup
+    order: str
+    target: str
+    z_s: float
+    window: Window
+    hiding: Hiding
+    notes: tuple[str, ...]
+    splats: Splats
+    settings: Settings
+    exposure: Exposure | None = None
+    moments: int = 0
+
+    @property
+    def kernel(self) -> Kernel:
+        """The reconstruction kernel."""
+        return self.resolved.kernel
+
+    @property
+    def samples(self) -> int:
+        """Samples along each side of a pixel."""
+        return self.resolved.samples
+
+    @property
+    def view(self) -> GridView:
+        """The view of the grid at sample resolution."""
+        return self.resolved.view
+
+    @property
+    def antialias(self) -> str:
+        """A description of the antialiasing."""
+        most = f"{self.samples}×{self.samples} samples a pixel"
+        spared = "at edges, one elsewhere" if self.resolved.allowed and self.program.technique == "tiles" else ""
+        ways = [f"{most} {spared}".strip()] if self.resolved.averaged else []
+        ways += ["voxels widened beyond z_k"] if self.view.antialias else []
+        return " and ".join(ways) or "off"
+
+    @property
+    def key(self) -> Hashable:
+        """Cache key: for the same splats and camera, plans with equal keys draw the same picture."""
+        r = self.resolved
+        drawn = (
+            r.samples,
+            r.averaged,
+            r.allowed,
+            r.background,
+            self.lookup,
+            self.order,
+            self.target,
+            self.z_s,
+            self.window,
+            self.hiding,
+            None if r.clip is None else (r.clip.normal.tobytes(), r.clip.place.tobytes()),
+            None if r.cues is None else r.cues.key,
+        )
+        return self.program, drawn, self.exposure, self.moments
+
+    @property
+    def table(self) -> str:
+        """A description of the footprint table."""
+        kind, size = self.lookup.kind, self.lookup.size
+        if size == 1:
+            return {"polynomial": "polynomials", "single": "a single polynomial", "box": "exact lengths"}[kind]
+        name, sides = ("table", f"{size}×{size}") if kind == "table" else ("radial table", str(size))
+        return f"{name} {sides} at {self.lookup.bits} bits"
+
+    def with_choices(self, **choices: Any) -> Plan:
+        """This plan with changed fields of `program`, its look or its view traits."""
+        mine, look, props = ({f.name for f in fields(part)} for part in (Program, Appearance, Seen))
+        assert choices.keys() <= mine | look | props
+        program = replace(
+            self.program,
+            look=replace(self.program.look, **{name: choices[name] for name in look & choices.keys()}),
+            seen=replace(self.program.seen, **{name: choices[name] for name in props & choices.keys()}),
+            **{name: choices[name] for name in mine & choices.keys()},
+        )
+        tiles = program.technique == "tiles"
+        kind = "radial" if program.footprint in ("polynomial", "single") and not tiles else program.footprint
+        lookup = replace(self.lookup, kind=kind, size=TABLE_SIZES[kind]) if kind != program.footprint else self.lookup
+        if program.technique == "quads" and program.motion != "off":
+            program = replace(program, technique="streaks")
+        program = replace(program, footprint=kind)
+        return replace(self, program=program, lookup=lookup, hiding=self.hiding if tiles else Hiding())
+
+    def explain(self) -> str:
+        """A description of the plan, one line per decision."""
+        p, blend, resolved = self.program, self.program.look.blend, self.resolved
+        lines = [
+            f"blend {blend.name}, {'perspective' if p.seen.perspective else 'orthographic'}, target {self.target}",
+            f"footprint {self.kernel.name}, {self.table}",
+            f"align {p.align}" + (f", switch to grid-aligned at z_s = {self.z_s:.6g}" if p.align == "hybrid" else ""),
+            f"antialias {self.antialias}, z_k = {resolved.z_k:.6g}, "
+            f"splats from depth {resolved.depths[0]:.6g} to {resolved.depths[1]:.6g}",
+        ]
+        if resolved.sheets is not None:
+            lines.append(resolved.sheets.explain())
+        if p.look.regions and self.splats.post is not None:
+            lines.append(describe_regions(self.splats.post.transfer.regions))
+        if blend.ordered:
+            lines.append(f"attenuation {p.look.attenuation}, {self.order}")
+        rows = f"rows {self.window.y} to {self.window.y + self.window.height}"
+        lines.append(f"{p.technique}, read back from {rows}: nothing reaches the others")
+        if self.hiding.cutoff:
+            light = f"less than {self.hiding.cutoff:.2g} of the light"
+            lines.append(f"tiles behind {light} end, which changes no pixel by more")
+        return "\n".join([*lines, *self.notes])
+
+
+@public
+def plan(
+    splats: Splats | Any,
+    camera: Camera | Any,
+    settings: Settings | Any | None = None,
+    motion: Motion | None = None,
+    tiles: bool | None = False,
+) -> Plan:
+    """The plan of a picture, in which no setting is `auto`. motion: of the scene since the previous frame. tiles:
+    whether the renderer prefers them; None if unsupported.
+    """
+    given, notes = settings or Settings(), list[str]()
+    blurred = Blurred.of(splats, camera, given, motion, notes)
+    settings, camera, exposure = blurred.settings, blurred.camera, blurred.exposure
+    selected = select_splats(splats, settings, exposure is not None, camera)
+    notes += classification_notes(splats.source, selected, settings, exposure is not None)
+    splats = selected if exposure else clip_behind_eye(selected, camera)
+    resolved = Resolved.of(splats, camera, settings, moving=exposure is not None)
+    notes += resolved.notes
+    shape, view, look = resolved.kernel, resolved.view, resolved.look
+    align, z_s = alignment(splats, view, settings, notes)
+    half_line = resolved.boxes or _half_line(splats, view, align, exposure, notes)
+    # without splats no technique can refuse
+    request = Request(settings, exposure is not None, tiles, resolved.sheets is not None, resolved.boxes)
+    kind = choose_technique(request, notes) if len(splats) else "quads"
+    read = "box" if resolved.boxes else choose_footprint(kind, shape, settings, look.steps > 0)
+    bounds = screen_bounds(splats.corners_in_grid(), view)
+    # sheets sort all splats at a time, and take the exponential itself: other opacities compile nothing
+    whole = resolved.sheets is not None or resolved.boxes
+    hiding = Hiding()
+    if kind == "tiles" and look.blend.ordered and settings.occlusion != "off":
+        cutoff = SHARE * settings.tolerance / max(splats.brightest, 1.0)
+        hiding = Hiding(depth_batches(splats, view, bounds, whole), cutoff)
+    program = Program(
+        technique=kind,
+        look=look,
+        seen=Seen(view.perspective, view.antialias, splats.grid.cubic, half_line),
+        align=align,
+        footprint=read,
+        kernel=shape.name if read in ("polynomial", "single") else "",
+        motion=settings.motion if exposure else "off",
+        flow=exposure is not None and exposure.flow is not None,
+        points=is_points(splats.records.dtype),
+        exp_doublings=MOST_DOUBLINGS if whole or kind != "tiles" else exp_doublings(splats, shape, look.attenuation),
+    )
+    return Plan(
+        program,
+        resolved,
+        Lookup(shape.name, read, settings.table_size or TABLE_SIZES[read], settings.table_bits),
+        _order(settings, kind, resolved.sheets is not None, notes),
+        _target(settings),
+        z_s,
+        # a streak may reach any pixel
+        Window(0, 0, *view.size) if exposure else bounds.window,
+        hiding,
+        tuple(notes),
+        selected,
+        given,
+        exposure,
+        blurred.moments,
+    )
+
+
+def _half_line(splats: Splats, view: GridView, align: str, exposure: Exposure | None, notes: list[str]) -> bool:
+    """Whether the eye may be inside a kernel, or a kernel may cross the eye's plane."""
+    if align != "exact":
+        return False
+    near = eye_is_near(splats, view, exposure)
+    if near and view.kernel is not BOX and has_negative(view.kernel.name):
+        what = f"kernel {view.kernel.name}, which is negative somewhere"
+        raise expected(what, "an eye outside of all kernels", "one inside", "move it away")
+    if not near:
+        notes.append("half lines left out: the eye is in no kernel; the picture is the same")
+    return near
+
+
+def _order(settings: Settings, kind: str, sheets: bool, notes: list[str]) -> str:
+    if not sheets and not BLENDS[settings.blend].ordered:
+        notes.append(f"ordering left out: {settings.blend} is the same in any order, but for float32's rounding")
+    if settings.order != "auto":
+        return settings.order
+    return "front-to-back" if kind == "tiles" or sheets else "back-to-front"
+
+
+def _target(settings: Settings) -> str:
+    """The format of the framebuffer; sums exceed 8 bits."""
+    is_float = settings.target == "auto" or (settings.target == "rgba8" and BLENDS[settings.blend].unbounded)
+    return "rgba32f" if is_float else settings.target

@@ -1,0 +1,541 @@
+"""`Scene` and `Layer`: volumes and meshes in one picture, and the plans of their layers.
+
+Extinctions and emissions of overlapping layers add up at every depth of a ray.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from splatgl.coercion import public
+from splatgl.data.affine import METRES, World
+from splatgl.data.caps import cap_meshes
+from splatgl.data.color import CHANNEL_COLORS, color_of_dye
+from splatgl.data.mask import parse_mask
+from splatgl.data.mesh import OF_VOLUME, Mesh
+from splatgl.data.volume import Volume
+from splatgl.errors import InputError, error_prefix, expected
+from splatgl.geometry.camera import Camera, Part
+from splatgl.geometry.clipping import Box, Plane, change_planes, parse_planes
+from splatgl.geometry.slice_images import Painted, Painter
+from splatgl.geometry.slices import Slice, parse_slices
+from splatgl.planning.culling import clip_behind_eye
+from splatgl.planning.opaque_bounds import Opaque
+from splatgl.planning.plan import Plan, plan
+from splatgl.planning.resolve import Resolved, blur_form, check_blur_supported, extract_for_settings
+from splatgl.planning.unused import unused_settings
+from splatgl.splat.motion import Motion, count_moments
+from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.splats import Splats
+from splatgl.transfer.presets import SOLID, SURFACE, default_transfer, preset, slice_colors
+from splatgl.transfer.transfer import Transfer
+
+# optical depth of the brightest values of a channel along the volume's shortest side, so that matter behind shows
+# through; and the least opacity of a voxel
+THROUGH, LEAST = 6.0, 0.01
+
+
+def channel_colors(channels: Sequence[Volume]) -> list[str]:
+    """Colours "#rrggbb" of channels: of the file, else of the dye of that name, else others in turn."""
+    known = [channel.hints.color or color_of_dye(channel.name) for channel in channels]
+    palette = list(CHANNEL_COLORS.values())
+    free = [color for color in palette if color not in known]
+    turns = (palette[n % len(palette)] for n in range(len(known)))
+    colors = list[str]()
+    for color, turn in zip(known, turns, strict=True):
+        given = color or (turn if turn in free or not free else free[0])
+        free = [other for other in free if other != given]
+        colors.append(given)
+    return colors
+
+
+def channel_opacity(volume: Volume, blend: str) -> float:
+    """Opacity of the brightest values of a channel in a blend: SOLID where a pixel shows one value of its ray."""
+    through = float(np.clip(-np.expm1(-THROUGH / volume.shortest), LEAST, SURFACE))
+    return SOLID if BLENDS[blend].one_value else through
+
+
+def channel_transfers(
+    volume: Volume,
+    colors: Mapping[str, str],
+    windows: Mapping[str, tuple[float, float]],
+    bases: Sequence[Transfer] | None = None,
+    blend: str = "composite",
+) -> list[Transfer]:
+    """Transfer functions of a volume's channels: unshaded ramps over a window in a colour.
+
+    colors, windows: by name or number of the channel, instead of those of the file. bases: transfer function of each
+    channel, whose ramps channels without a window have; None: the preset microscopy. blend: where a pixel shows one
+    value of its ray, ramps reach SOLID, else matter behind shows through. Raises InputError for an unknown channel.
+    """
+    names = [channel.name for channel in volume.channels]
+    for name in (*colors, *windows):
+        if name not in names and name not in map(str, range(len(names))):
+            raise expected("channel", f"one of {', '.join(names)}", repr(name))
+    full = channel_opacity(volume, blend)
+    transfers, usual = [], channel_colors(volume.channels)
+    for number, channel in enumerate(volume.channels):
+        keys = (channel.name, str(number))
+        color = next((colors[key] for key in keys if key in colors), None)
+        window = next((windows[key] for key in keys if key in windows), None)
+        if window is None and bases is None:
+            window = channel.hints.window
+        ramp = bases[number] if bases is not None else preset("microscopy", channel)
+        if bases is None:
+            ramp = replace(ramp, points=tuple((value, opacity * full / SURFACE) for value, opacity in ramp.points))
+        if window is not None:
+            ramp = Transfer(((window[0], 0.0), (window[1], full)), unit=ramp.unit)
+        if channel.hints.inverted and bases is None:
+            ramp = ramp.inverted()
+        transfers.append(replace(ramp, colormap=color or usual[number], window=None, shading=False))
+    return transfers
+
+
+# most layers of a picture: the shader keeps a state for each
+MOST_LAYERS = 8
+
+
+@public
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A volume and its appearance. transfer: None: the default one. opacity: factor from 0 to 1 of the transfer
+    function's opacities. threshold: as of `extract`. clip: conditions on the volume's box, or planes; None: the planes
+    of the scene. surfaces: smoothing of a segmentation's surfaces, as of `surfaces`; None: boxes of voxels. uncut: part
+    that planes leave whole: labels of the volume, a number or several, or "3,7"; or what `Volume.masked` accepts.
+    only_slices: whether slices and caps alone show it. held: returns its splats, if they are extracted elsewhere.
+    """
+
+    volume: Volume | Any
+    transfer: Transfer | Any | None = None
+    opacity: float = 1.0
+    visible: bool = True
+    threshold: float = 0.0
+    clip: str | Sequence[Any] | None = None
+    surfaces: float | None = None
+    uncut: Any = None
+    only_slices: bool = False
+    held: Callable[[], Splats] | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.opacity <= 1:
+            raise expected("opacity", "a factor from 0 to 1", self.opacity)
+        object.__setattr__(self, "transfer", self.transfer or default_transfer(self.volume))
+        if self.surfaces is not None:
+            object.__setattr__(self, "surfaces", check_strength(self.surfaces))
+
+    def placed(self, frame: str | None = None, unit: str = "") -> Layer:
+        """The layer with its volume, clipping planes, and lengths of its transfer function, in another frame and unit
+        of length, as of `Volume.placed`.
+        """
+        change = self.volume.world.change(frame, unit)
+        if change is None:
+            return self
+        assert self.transfer is not None
+        clip = self.clip
+        if clip is not None:
+            clip = change_planes(parse_planes(clip, Box.of([self.volume])), change)
+        transfer = self.transfer.rescaled(change.length)
+        return replace(self, volume=self.volume.placed(frame, unit), transfer=transfer, clip=clip, held=None)
+
+    def parts(self) -> list[Layer]:
+        """The part that planes leave whole, and the rest; the layer alone if they cut all of it."""
+        if self.uncut is None:
+            return [self]
+        with error_prefix("uncut"):
+            return self._cut_parts()
+
+    def _cut_parts(self) -> list[Layer]:
+        whole, labels, outside = replace(self.volume, masks=()), list[int](), False
+        mask = self.uncut
+        if isinstance(mask, str):
+            file, numbers, outside = parse_mask(mask)
+            labels, mask = (list(numbers), whole) if not file else ([], mask)
+        elif isinstance(mask, int | np.integer) or (isinstance(mask, list | tuple) and mask):
+            labels, mask = [int(number) for number in np.atleast_1d(mask)], whole
+        outside = outside and mask is whole
+        kept, rest = (self.volume.masked(mask, labels, beyond) for beyond in (outside, not outside))
+        whole = replace(self, uncut=None, held=None)
+        return [replace(whole, volume=kept, clip=()), replace(whole, volume=rest)]
+
+    @property
+    def seen(self) -> Transfer:
+        """The transfer function with the layer's opacity; clear if surfaces or slices alone are drawn."""
+        return self.faded.weakened(0.0) if self.surfaces is not None or self.only_slices else self.faded
+
+    @property
+    def faded(self) -> Transfer:
+        """The transfer function with the layer's opacity."""
+        assert self.transfer is not None
+        return self.transfer.weakened(self.opacity)
+
+
+@public
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Layers and meshes of one picture, in any order. layers: or volumes, with default transfer functions. clip:
+    conditions such as "x>0.3" on the box around the visible layers, or planes as of Settings; they clip meshes that are
+    `clipped`. Layers and meshes are transformed to the frame, LPS or RAS, and the unit of length of the first layer
+    that states one. Surfaces of segmentations are added to the meshes; notes: their distance from the voxels, and
+    layers that lie elsewhere and state no unit. slices: planes that show the values of the layers, added to the meshes,
+    too. Raises InputError for no visible layer or too many, for planes that leave nothing, for slices beside the first
+    layer, and as `surfaces`.
+    """
+
+    layers: Sequence[Layer | Volume | Any]
+    clip: str | Sequence[Any] = ()
+    meshes: Sequence[Mesh] = ()
+    slices: Sequence[Slice | str] = ()
+    made: dict[Settings, tuple[Splats, ...]] = field(default_factory=dict, repr=False)
+    # of each visible layer
+    planes: tuple[tuple[Plane, ...], ...] = field(default=(), init=False, repr=False)
+    # meshes before they are clipped, and planes that clip those that are `clipped`; and slices
+    whole: tuple[tuple[Mesh, tuple[Plane, ...]], ...] = field(default=(), init=False, repr=False)
+    sliced: tuple[Mesh, ...] = field(default=(), init=False, repr=False)
+    notes: tuple[str, ...] = field(default=(), init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        layers = tuple(Layer(layer) if isinstance(layer, Volume) else layer for layer in self.layers)
+        object.__setattr__(self, "layers", layers)
+        world = self.world
+        object.__setattr__(self, "layers", tuple(part for layer in layers for part in layer.placed(*world).parts()))
+        if not 1 <= len(self.shown) <= MOST_LAYERS:
+            raise expected("layers", f"1 to {MOST_LAYERS} that are visible", len(self.shown))
+        planes = parse_planes(self.clip, Box.of(layer.volume for layer in self.shown)) if len(self.clip) else ()
+        own = [parse_planes(x.clip, Box.of([x.volume])) if x.clip is not None else planes for x in self.shown]
+        object.__setattr__(self, "planes", tuple(own))
+        meshes = [mesh.placed(*world) for mesh in self.meshes]
+        surfaces, notes = self._segment_surfaces()
+        object.__setattr__(self, "whole", (*((mesh, planes) for mesh in meshes), *surfaces))
+        object.__setattr__(self, "sliced", tuple(self._slice_meshes()))
+        object.__setattr__(self, "meshes", self._clipped_meshes(()))
+        object.__setattr__(self, "notes", (*notes, *self._unit_notes()))
+
+    @classmethod
+    def of(cls, x: Any) -> Scene:
+        """The visible volumes and meshes of a PyVista plotter, or of a window or renderer of VTK.
+
+        Volumes on regular grids keep transfer functions, clipping planes and shading; meshes keep colours, lines become
+        tubes and points balls. Camera.of and Settings.of read the view, and blend, light and background. Raises
+        InputError if there is no volume, and for unsupported properties.
+        """
+        from splatgl.integrations.vtk.scene import scene_of
+
+        return scene_of(x)
+
+    def to_pyvista(self, camera: Camera | None = None, settings: Settings | None = None, **options: Any) -> Any:
+        """A pyvista.Plotter of the same layers and meshes, view, blend, planes, light and background.
+
+        camera: None: from the front, right and above. options: of the plotter, such as off_screen. Raises InputError
+        for blends that VTK does not have, and without PyVista.
+        """
+        from splatgl.integrations.vtk.pyvista import plotter_of
+
+        return plotter_of(self, camera, settings, options)
+
+    @property
+    def frame(self) -> str | None:
+        """The frame of all layers and meshes: LPS, RAS or None."""
+        return self.world.frame
+
+    @property
+    def world(self) -> World:
+        """Frame and unit of all layers and meshes: of the first layer, also where it is hidden, or of the first visible
+        layer or mesh that states one.
+        """
+        volumes = (layer.volume for layer in (*self.layers[:1], *self.shown) if isinstance(layer, Layer))
+        return World.shared((*(volume.world for volume in volumes), *(mesh.world for mesh in self.meshes)))
+
+    def _unit_notes(self) -> list[str]:
+        """Notes on visible layers without a unit of length that meet no layer whose unit is known."""
+        boxes = [(layer.volume, Box.of([layer.volume])) for layer in self.shown]
+        known = [box for volume, box in boxes if volume.unit in METRES]
+        lost = [
+            volume.name or "a layer"
+            for volume, box in boxes
+            if known and volume.unit not in METRES and not any(box.meets(other) for other in known)
+        ]
+        unit = self.world.unit
+        return [f"{name} states no unit of length, is taken as in {unit}, and meets no other layer" for name in lost]
+
+    def _segment_surfaces(self) -> tuple[list[tuple[Mesh, tuple[Plane, ...]]], list[str]]:
+        surfaces, notes = list[tuple[Mesh, tuple[Plane, ...]]](), list[str]()
+        for layer, planes in zip(self.shown, self.planes, strict=True):
+            if layer.surfaces is not None:
+                segments, off = smooth_surfaces(layer.volume, layer.faded, layer.surfaces, closed=False)
+                surfaces += [(replace(mesh, clipped=True), planes) for mesh in segments]
+                count = f"{len(segments)} segment{'s' * (len(segments) != 1)}"
+                told = f"{count} drawn as smoothed surfaces ({layer.surfaces:g})"
+                notes.append(f"{layer.volume.name or 'labels'}: {told}, up to {off:.2g} voxels off the faces of voxels")
+        return surfaces, notes
+
+    def painter(self, what: str) -> Painter:
+        """The colours of a slice or caps, as `what` says. Raises InputError for clouds of points."""
+        self.require_voxels(what)
+        looks = [(x, x.transfer) for x in self.shown if x.transfer is not None]
+        return Painter([Painted(x.volume, slice_colors(x.volume, look), x.opacity) for x, look in looks])
+
+    def _slice_meshes(self) -> list[Mesh]:
+        if not self.slices:
+            return []
+        meshes, painter = list[Mesh](), self.painter("slice")
+        for item in self.slices:
+            one = item if isinstance(item, Slice) else Slice(item)
+            meshes += [painter.mesh(plane, one.opacity) for plane in parse_slices(one.place, self.shown[0].volume)]
+        return meshes
+
+    def surfaces(self, settings: Settings) -> tuple[Mesh, ...]:
+        """The meshes; those that are `clipped` are clipped by the planes of the settings, too."""
+        return self._clipped_meshes(settings.clip) if settings.clip else tuple(self.meshes)
+
+    def _clipped_meshes(self, clip: tuple[Plane, ...]) -> tuple[Mesh, ...]:
+        """The meshes, their caps, and slices. clip: further planes."""
+        meshes = list[Mesh]()
+        for mesh, planes in self.whole:
+            both = (*planes, *clip) if mesh.clipped else ()
+            meshes.append(mesh.cut(both) if both else mesh)
+            for plane, cap in cap_meshes(mesh, both) if mesh.caps else ():
+                meshes += self.painter("caps").cap(cap, plane) if mesh.caps == OF_VOLUME else [cap]
+        return (*meshes, *self.sliced)
+
+    @property
+    def shown(self) -> tuple[Layer, ...]:
+        """The visible layers."""
+        return tuple(layer for layer in self.layers if isinstance(layer, Layer) and layer.visible and layer.opacity > 0)
+
+    def require_voxels(self, what: str) -> None:
+        """Raises InputError for visible clouds of points, whose volumes have no matter. what: that needs voxels."""
+        for layer in self.shown:
+            if layer.volume.points is not None:
+                raise expected(what, "a volume of voxels", f"{len(layer.volume.points):,} points")
+
+    def splats(self, settings: Settings) -> tuple[Splats, ...]:
+        """The splats of each visible layer for pictures with these settings; extracted once."""
+        # extraction depends on these settings
+        key = Settings(
+            blend=settings.blend,
+            kernel=settings.kernel,
+            classification=settings.classification,
+            compositing=settings.compositing,
+        )
+        if key not in self.made:
+            self.made[key] = tuple(
+                layer.held() if layer.held else extract_for_settings(layer.volume, layer.seen, key, layer.threshold)
+                for layer in self.shown
+            )
+        return self.made[key]
+
+    def drawn(self, settings: Settings) -> list[tuple[Splats, Settings]]:
+        """Splats, and settings with clipping planes, of visible layers that are not empty; at least of the first."""
+        clipped = [replace(settings, clip=(*settings.clip, *planes)) if planes else settings for planes in self.planes]
+        layers = list(zip(self.splats(settings), clipped, strict=True))
+        return [layer for layer in layers if len(layer[0])] or layers[:1]
+
+    def moments(self, camera: Camera, settings: Settings, motion: Motion) -> int:
+        """Number of pictures whose mean a moving picture is: that of the fastest layer; 1: a sharp picture."""
+        return count_layer_moments(self.drawn(settings), camera, settings, motion)
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Corners [N, 3], world units, of the boxes of opaque samples, and vertices of meshes."""
+        return np.concatenate([*(box.corners for box in self._subjects), *self._mesh_places])
+
+    @property
+    def outline(self) -> np.ndarray:
+        """Points [N, 3], world units, whose hull contains the opaque samples and the meshes."""
+        return np.concatenate([*(box.outline for box in self._subjects), *self._mesh_places])
+
+    @property
+    def is_lit(self) -> bool:
+        """Whether the first layer is shaded by default."""
+        first = self.layers[0]
+        return isinstance(first, Layer) and first.faded.shading
+
+    @property
+    def _mesh_places(self) -> list[np.ndarray]:
+        """Vertices of meshes before they are clipped, as planes do not move a view, and of slices."""
+        return [mesh.vertices for mesh in (*(mesh for mesh, _ in self.whole), *self.sliced)]
+
+    @property
+    def full_extent(self) -> Part:
+        """The boxes of the volumes of visible layers, and the meshes, which default views are fitted to."""
+        boxes = (box.volume.corners for box in self._subjects)
+        return Part(np.concatenate([*boxes, *self._mesh_places]), self.frame)
+
+    @property
+    def robust(self) -> Part:
+        """The visible part, without samples that are alone."""
+        boxes = (box.robust.outline for box in self._subjects)
+        return Part(np.concatenate([*boxes, *self._mesh_places]), self.frame)
+
+    @cached_property
+    def _subjects(self) -> list[Opaque]:
+        # voxels also where surfaces are drawn: both have the same view
+        # the box of meshes alone has no matter: where there is another volume, the meshes themselves count
+        solid = [x for x in self.shown if any(opacity for _, opacity in x.volume.hints.points or ((0.0, 1.0),))]
+        return [Opaque(x.volume, x.seen if x.only_slices else x.faded) for x in solid or self.shown]
+
+
+@dataclass(frozen=True, eq=False)
+class ResolvedScene:
+    """Layers of a picture, what of them is in front of the eye with its resolved settings, and meshes. settings: as
+    they were given.
+    """
+
+    layers: tuple[tuple[Splats, Resolved], ...]
+    settings: Settings
+    meshes: tuple[Mesh, ...] = ()
+
+    @property
+    def is_single(self) -> bool:
+        """Whether the picture shows a single layer and no mesh."""
+        return len(self.layers) == 1 and not self.meshes
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePlan:
+    """Plans of the layers of a picture, and its meshes. is_moving: whether its motion is known.
+    told: those on the meshes. settings: of the picture.
+    """
+
+    layers: tuple[Plan, ...]
+    settings: Settings
+    meshes: tuple[Mesh, ...] = ()
+    told: tuple[str, ...] = ()
+    is_moving: bool = False
+
+    @property
+    def is_single(self) -> bool:
+        """Whether the picture shows a single layer and no mesh: only then an error bound is known."""
+        return len(self.layers) == 1 and not self.meshes
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on the meshes, and on settings without effect."""
+        return (*self.told, *unused_settings(self.layers, self.settings, bool(self.meshes), self.is_moving))
+
+    def resolved(self, camera: Camera) -> ResolvedScene:
+        """The settings that OpenGL has no part in, for the float64 reference; of a still picture by a camera."""
+        layers = tuple((clip_behind_eye(layer.splats, camera), layer.resolved) for layer in self.layers)
+        return ResolvedScene(layers, self.settings, self.meshes)
+
+    @property
+    def notes_in_motion(self) -> tuple[str, ...]:
+        """`notes`, but for those on settings of motion blur, which have an effect once something moves."""
+        return replace(self, is_moving=True).notes
+
+    @property
+    def first(self) -> Plan:
+        """The plan of the first layer; all layers have the same size, samples and blend."""
+        return self.layers[0]
+
+    def explain(self) -> str:
+        """Text that describes each plan, under the name of its layer if there are several."""
+        if self.is_single:
+            return self.first.explain()
+        return "\n".join(f"{plan.splats.name}:\n{plan.explain()}" for plan in self.layers)
+
+
+def plan_scene(
+    subject: Splats | Scene,
+    camera: Camera,
+    settings: Settings,
+    motion: Motion | None = None,
+    tiles: bool | None = False,
+) -> ScenePlan:
+    """Plans a picture of splats, or of the visible layers of a scene. motion, tiles: as of `plan`.
+
+    Raises InputError for settings that several layers or meshes do not support: compositing splat by splat, streaks and
+    flows; and with meshes, blends other than composite.
+    """
+    layers, meshes = subject.drawn(settings), subject.surfaces(settings)
+    is_moving = motion is not None
+    if len(layers) == 1 and not meshes:
+        alone = plan(layers[0][0], camera, layers[0][1], motion, tiles)
+        return ScenePlan((alone,), settings, is_moving=is_moving)
+    changes: dict[str, Any] = {}
+    if motion is not None and not motion.still:
+        check_blur_supported("of layers", settings, motion.flow is not None)
+        changes = {"motion": "off", "moments": count_layer_moments(layers, camera, settings, motion)}
+    is_ordered = BLENDS[settings.blend].ordered
+    if not is_ordered:
+        if meshes:
+            raise expected("meshes", "blend composite", settings.blend)
+        changes["background"] = None
+    layers = common_samples(layers, camera, settings)
+    plans = tuple(plan(splats, camera, replace(look, **changes), motion, tiles) for splats, look in layers)
+    if is_ordered:
+        for layer in plans:
+            check_layer(layer.resolved, layer.splats.name)
+        # nothing behind the eye of a parallel view casts shadows, as of a single volume
+        pairs = [(clip_behind_eye(layer.splats, camera), layer.settings) for layer in plans]
+        allowed = min(layer.resolved.allowed for layer in plans)
+        lit = with_shared_casters([replace(layer.resolved, allowed=allowed) for layer in plans], pairs)
+        plans = tuple(replace(layer, resolved=resolved) for layer, resolved in zip(plans, lit, strict=True))
+    return ScenePlan(plans, settings, meshes, subject.notes, is_moving)
+
+
+def count_layer_moments(
+    layers: Sequence[tuple[Splats, Settings]], camera: Camera, settings: Settings, motion: Motion
+) -> int:
+    """As `Scene.moments`, of the layers that a scene draws."""
+    if settings.moments is not None:
+        return settings.moments
+    if settings.motion == "off" or settings.shutter == 0:
+        return 1
+    return max(count_moments(splats, camera, motion, settings.shutter) for splats, _ in layers)
+
+
+def moments_per_frame(subject: Splats | Scene, camera: Camera, settings: Settings, motion: Motion) -> int:
+    """Number of pictures whose mean a moving picture is; 0: a sharp picture of splats, or streaks."""
+    if isinstance(subject, Scene):
+        return subject.moments(camera, settings, motion)
+    is_mean = settings.shutter > 0 and blur_form(subject, settings) == "moments"
+    return count_moments(subject, camera, motion, settings.shutter) if is_mean else 0
+
+
+def common_samples(
+    layers: Sequence[tuple[Splats, Settings]], camera: Camera, settings: Settings
+) -> list[tuple[Splats, Settings]]:
+    """Layers that composite together, with the same samples a pixel: the most that a layer needs."""
+    if settings.antialias != "auto" or len(layers) < 2 or not BLENDS[settings.blend].ordered:
+        return list(layers)
+    samples = {Resolved.of(clip_behind_eye(splats, camera), camera, look).samples for splats, look in layers}
+    if len(samples) == 1:
+        return list(layers)
+    return [(splats, replace(look, antialias="supersample", samples=max(samples))) for splats, look in layers]
+
+
+def with_shared_casters(resolved: Sequence[Resolved], layers: Sequence[tuple[Splats, Settings]]) -> list[Resolved]:
+    """Resolved settings of layers, each of which is in the shadow of all."""
+    casters = tuple((splats, look.clip) for splats, look in layers)
+    return [look if look.cues is None else replace(look, cues=replace(look.cues, casters=casters)) for look in resolved]
+
+
+def check_layer(resolved: Resolved, name: str) -> None:
+    """Raises InputError for a layer that composites splat by splat, whose order among other layers is unknown."""
+    if resolved.look.blend.ordered and resolved.sheets is None and not resolved.boxes:
+        why = next((note for note in resolved.notes if note.startswith("sheets")), "compositing splats was asked for")
+        raise InputError(f"layer {name or 'without a name'}: layers composite in sheets, not splat by splat; {why}")
+    if resolved.display:
+        raise expected("target rgba8", "a single layer, without meshes", "more of them")
+
+
+def join_pictures(pictures: Sequence[np.ndarray], settings: Settings) -> np.ndarray:
+    """Joins pictures [H, W, 4] of layers, without backgrounds, in blends without an order: sums add up; in other blends
+    light adds up and transmittances multiply.
+    """
+    blend = BLENDS[settings.blend]
+    added = np.sum(pictures, axis=0)
+    if blend.unbounded:
+        return np.asarray(added)
+    clear = np.prod([1.0 - picture[..., 3] for picture in pictures], axis=0)
+    added[..., 3] = 1.0 - clear
+    if settings.ground is not None:
+        added = added + clear[..., None] * np.array([*settings.ground, 1.0], added.dtype)
+    return np.asarray(added)

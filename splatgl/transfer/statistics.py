@@ -1,0 +1,360 @@
+"""Statistics of histograms, Otsu's threshold, and background noise.
+
+Background noise is only assumed to fall in density by more than half within each standard deviation. The noise of
+cameras (Gaussian, Poisson, or cut off at zero) falls much faster beyond two deviations.
+
+Large mapped files are sampled: at most PLANES planes, each subsampled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatgl.data.fills import distinct
+from splatgl.data.volume import Volume
+from splatgl.transfer.far_values import Far, far_values, without_far
+
+# least number of samples to measure noise
+LEAST = 4096
+# rounds of outlier removal, and standard deviations beyond which a value is an outlier
+ROUNDS, BEYOND = 8, 3.0
+# quantiles: the median, and one standard deviation from it
+MIDDLE, LOWER, UPPER = 0.5, 0.158655, 0.841345
+# largest ratio of the spreads above and below the median in a peak
+LOPSIDED = 2.0
+# standard deviations above the level between which the cut is searched, and steps of the search
+NEAREST, FURTHEST, STEPS = 2.0, 16.0, 56
+# standard deviations above a cut between which the object's density is measured
+NEXT, LAST = 1.0, 4.0
+# objects are at least FOUND of the samples, and ONE_SIDED times as many as lie equally far below the level
+FOUND, ONE_SIDED = 1e-5, 2.0
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Background. level, noise: mean and standard deviation. cut: values above belong to objects."""
+
+    level: float
+    noise: float
+    cut: float
+
+
+def ground_of(values: np.ndarray, least_share: float) -> Ground | None:
+    """Background of sorted finite values; None if it has less than `least_share` of them or nothing stands out."""
+    if len(values) < LEAST or not np.isfinite(float(values[-1]) - float(values[0])):
+        return None
+    level, noise = _peak(values)
+    if not noise > 0 or not level + FURTHEST * noise > level:
+        # a constant background, with a few pixels below it
+        ground = Ground(level, 0.0, level) if values[0] < level else None
+    else:
+        ground = _cut(values, level, noise)
+    if ground is None or _count_up_to(values, ground.cut) < least_share * len(values):
+        return None
+    above = len(values) - _count_up_to(values, ground.cut)
+    below = np.searchsorted(values, 2 * ground.level - ground.cut, side="left")
+    return ground if above >= max(FOUND * len(values), 1) and above >= ONE_SIDED * below else None
+
+
+def _peak(values: np.ndarray) -> tuple[float, float]:
+    """Median and standard deviation of the values without outliers; a deviation of 0 if there is no peak."""
+    inliers = values
+    level, noise = 0.0, 0.0
+    for _ in range(ROUNDS):
+        low, level, high = (float(_quantile(inliers, share)) for share in (LOWER, MIDDLE, UPPER))
+        # the lower spread is unusable if values are cut off below, as integers at 0 are
+        symmetric = low > values[0]
+        if symmetric and (high - level > LOPSIDED * (level - low) + _step(inliers)):
+            return level, 0.0
+        noise = (high - low) / 2 if symmetric else high - level
+        inner = values[_count_up_to(values, level - BEYOND * noise) : _count_up_to(values, level + BEYOND * noise)]
+        if len(inner) in (0, len(inliers)):
+            break
+        inliers = inner
+    return level, noise
+
+
+def _cut(values: np.ndarray, level: float, noise: float) -> Ground | None:
+    """Background up to the value at which noise and objects are about equally dense; None if there is none."""
+    width = max(noise / 2, _step(values[: _count_up_to(values, level + BEYOND * noise)]))
+    for place in level + noise * np.linspace(NEAREST, FURTHEST, STEPS + 1):
+        here = _count_up_to(values, place + width / 2) - _count_up_to(values, place - width / 2)
+        near, far = _count_up_to(values, place + NEXT * noise), _count_up_to(values, place + LAST * noise)
+        if len(values) - near < FOUND * len(values):
+            return None
+        objects = (far - near) / ((LAST - NEXT) * noise)
+        if here / width <= 2 * objects:
+            return Ground(level, noise, float(place))
+    return None
+
+
+def _quantile(values: np.ndarray, share: float) -> float:
+    """Quantile of sorted values; equal whole numbers are spread evenly over the step around them."""
+    at = share * (len(values) - 1)
+    value = values[int(at)]
+    first, last = np.searchsorted(values, value, side="left"), _count_up_to(values, value)
+    step = _step(values)
+    return float(value + ((at - first) / max(last - first, 1) - 0.5) * step if last - first > 1 else value)
+
+
+def _step(values: np.ndarray) -> float:
+    """Distance from the median value to the next, 1 for whole numbers; 0 if the median does not repeat."""
+    middle = values[len(values) // 2]
+    first, last = np.searchsorted(values, middle, side="left"), _count_up_to(values, middle)
+    return float(values[last] - middle) if last - first > 1 and last < len(values) else 0.0
+
+
+def _count_up_to(values: np.ndarray, value: float) -> int:
+    """Number of sorted values that are at most `value`."""
+    return int(np.searchsorted(values, value, side="right"))
+
+
+# maximum number of planes and values of a sample: a few tens of MB, half a second
+PLANES, VALUES = 32, 1 << 21
+# share of samples at exactly the lowest value, or in the noise around one, from which a volume counts as sparse
+SPARSE = 0.95
+# sparse volumes with fewer other values than this in the sample are read whole
+FEW = 2000
+# maximum number of voxels of these, and of the level of a multiscale image that is sampled
+MOST_WHOLE, MOST_OF_LEVEL = 1 << 31, 1 << 27
+BINS = 256
+# percentile of the values where the histogram and the spread end, so that a few outliers don't stretch them
+HISTOGRAM_END = 99.9
+# a face of the box is touched by an object if more than this share of it is covered
+TOUCHED = 0.015
+# a complete object touches at most this many of the box's six faces (a cut neck: 1; a slab: 2)
+WHOLE = 3
+# otherwise, an object that covers at most this share of the faces counts as foreground
+COVERED = 0.25
+RUNGS = 3
+# larger values are scaled, so that sums of squares fit float64
+LARGE = 1e150
+# largest half of a difference that float64 can hold
+LARGEST_HALF = 8e307
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A threshold between two classes of values, with the classes' mean values."""
+
+    value: float
+    below: float
+    above: float
+
+    def ramp(self, share: float) -> tuple[float, float]:
+        """The values at `share` of the way from the cut to the class below and to the class above."""
+        return self.value - share * (self.value - self.below), self.value + share * (self.above - self.value)
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """values: finite samples, sorted, without those far from all others. background: share of them at exactly the
+    lowest value.
+
+    cuts: thresholds, each of which splits the values above the previous one (empty for a constant volume).
+    whole: index of the cut between the object and its surroundings. ground: background of a sparse volume, if it is
+    noise; its values are set to its level.
+    """
+
+    values: np.ndarray
+    background: float
+    cuts: tuple[Cut, ...]
+    whole: int
+    ground: Ground | None = None
+
+    @property
+    def sparse(self) -> bool:
+        """Whether the background is at least SPARSE of all samples."""
+        return self.background >= SPARSE
+
+    @property
+    def constant(self) -> bool:
+        """Whether there is only one value, or none."""
+        return len(self.values) == 0 or bool(self.values[0] == self.values[-1])
+
+    def percentile(self, percent: float) -> float:
+        """The value that `percent` of the samples, 0 to 100, do not exceed; interpolated linearly."""
+        return sorted_percentile(self.values, percent)
+
+    def share_above(self, value: float) -> float:
+        """Share of the sampled values above a value."""
+        return 1.0 - float(np.searchsorted(self.values, value, side="right")) / max(len(self.values), 1)
+
+
+def statistics(volume: Volume) -> Statistics:
+    """Statistics of a volume's finite values; sparse volumes are read whole for their foreground."""
+    volume, sample, finite, far = _examine(volume)
+    if far != Far():
+        finite, sample = finite[far.near(finite)], np.where(far.near(sample), sample, np.nan)
+    if len(finite) == 0:
+        return Statistics(finite, 1.0, (), 0)
+    background = _share_of_lowest(finite)
+    ground = ground_of(finite, SPARSE) if background < SPARSE else None
+    if ground is not None:
+        finite[: np.searchsorted(finite, ground.cut, side="right")] = ground.level
+        background = _share_of_lowest(finite)
+    if background >= SPARSE and (1.0 - background) * len(finite) < FEW and volume.count <= MOST_WHOLE:
+        finite = _foreground(volume, float(finite[0]), ground, far)
+    cuts = _ladder(finite)
+    return Statistics(finite, background, cuts, _object_rung(sample, cuts), ground)
+
+
+def spread(volume: Volume) -> float:
+    """Range of a volume's finite values, but for outliers on either side; 0 of one value or none."""
+    values = _sort_finite(_sample(_small_level(volume)))
+    if not len(values):
+        return 0.0
+    return sorted_percentile(values, HISTOGRAM_END) - sorted_percentile(values, 100 - HISTOGRAM_END)
+
+
+# steps of a series whose values are read to choose its look, and of one whose values are constant in these
+SAMPLED_STEPS = (5, 17)
+
+
+def sampled_steps(count: int, most: int = SAMPLED_STEPS[0]) -> list[int]:
+    """Numbers of a few steps of a series, from the first to the last, evenly spread."""
+    return sorted({round(place) for place in np.linspace(0, count - 1, most)})
+
+
+def mean_deviation(volume: Volume) -> float:
+    """Mean distance of a volume's finite values from their median, which single hot voxels hardly change. Beyond
+    MOST_OF_LEVEL voxels, or VALUES that are read in parts, that of a sample.
+    """
+    level = _small_level(volume)
+    sample = _sample(level)
+    ordered = _sort_finite(sample)
+    if len(ordered) == 0:
+        return 0.0
+    is_small = level.count <= (MOST_OF_LEVEL if isinstance(level.samples, np.ndarray) else VALUES)
+    middle = ordered[len(ordered) // 2]
+    total, count = 0.0, 0
+    for block in (slab.samples for slab in level.slabs(16, halo=0)) if is_small else (sample,):
+        values = block[np.isfinite(block)].astype(np.float64)
+        with np.errstate(over="ignore"):
+            total, count = total + float(np.abs(values - middle).sum()), count + len(values)
+    return total / count
+
+
+def far_of(volume: Volume) -> Far:
+    """Values of a volume far from all others."""
+    return _examine(volume)[3]
+
+
+def without_far_values(volume: Volume) -> Volume:
+    """The volume without values far from all others, of each channel for itself, as of `without_far`."""
+    if len(volume.channels) < 2:
+        return without_far(volume, far_of(volume))
+    channels = tuple(map(without_far_values, volume.channels))
+    pairs = list(zip(channels, volume.channels, strict=True))
+    notes = [f"{new.name or 'a channel'}: {note}" for new, old in pairs for note in new.notes[len(old.notes) :]]
+    if not notes:
+        return volume
+    first, notes = channels[0], [*volume.notes, *notes]
+    return replace(volume, samples=first.samples, coarser=first.coarser, channels=channels, notes=tuple(notes))
+
+
+def _examine(volume: Volume) -> tuple[Volume, np.ndarray, np.ndarray, Far]:
+    """The level of a volume that is sampled, the sample, its finite values, sorted, and what is far from all others."""
+    level = _small_level(volume)
+    sample = _sample(level)
+    finite = _sort_finite(sample)
+    return level, sample, finite, far_values(level, sample, finite)
+
+
+def sorted_percentile(values: np.ndarray, percent: float) -> float:
+    """np.percentile of values that are sorted already."""
+    place = percent / 100 * (len(values) - 1)
+    below = min(int(place), len(values) - 1)
+    low, high = float(values[below]), float(values[min(below + 1, len(values) - 1)])
+    share = place - below
+    if high / 2 - low / 2 > LARGEST_HALF:
+        return low * (1 - share) + high * share
+    return low + (high - low) * share if share < 0.5 else high - (high - low) * (1 - share)
+
+
+def _share_of_lowest(values: np.ndarray) -> float:
+    return float(np.searchsorted(values, values[0], side="right")) / len(values)
+
+
+def _small_level(volume: Volume) -> Volume:
+    """The finest level of at most MOST_OF_LEVEL voxels; the volume without one."""
+    return next((level for level in (volume, *volume.coarser) if level.count <= MOST_OF_LEVEL), volume)
+
+
+def _sample(volume: Volume) -> np.ndarray:
+    """Samples [d, h, w] of at most PLANES planes, of the volume's type; includes the first and last planes, rows and
+    columns.
+    """
+    depth, height, width = volume.shape
+    planes = distinct(np.linspace(0, depth - 1, PLANES).round().astype(int))
+    step = max(1, int(np.ceil(np.sqrt(len(planes) * height * width / VALUES))))
+    y, x = (distinct(np.append(np.arange(0, n, step), n - 1)) for n in (height, width))
+    kind = volume.samples.dtype.newbyteorder("=")
+    return np.stack([np.asarray(volume.samples[int(z)])[np.ix_(y, x)].astype(kind) for z in planes])
+
+
+def _sort_finite(sample: np.ndarray) -> np.ndarray:
+    """The finite values, sorted, float64; converted after sorting, which is fastest for few bits."""
+    if sample.dtype.kind == "f":
+        return np.sort(sample[np.isfinite(sample)]).astype(np.float64)
+    return np.sort(sample, axis=None, kind="stable" if sample.dtype.itemsize <= 2 else None).astype(np.float64)
+
+
+def _foreground(volume: Volume, lowest: float, ground: Ground | None, far: Far) -> np.ndarray:
+    """The lowest sampled value and at most VALUES of all finite values above the background, or other than the lowest,
+    but those far from all others; sorted.
+    """
+    parts = [np.array([lowest])]
+    for slab in volume.slabs(16, halo=0):
+        others = slab.samples[slab.samples != lowest if ground is None else slab.samples > np.float64(ground.cut)]
+        others = others.astype(np.float64)
+        parts.append(others[np.isfinite(others) & far.near(others)])
+    values = np.concatenate(parts)
+    return np.sort(values[:: len(values) // VALUES + 1])
+
+
+def _ladder(values: np.ndarray) -> tuple[Cut, ...]:
+    """Cuts by Otsu's rule: between all values, then between those above the first cut, and so on."""
+    cuts: list[Cut] = []
+    while len(cuts) < RUNGS and len(values) > 1 and values[0] < values[-1]:
+        cut = _otsu(values)
+        cuts.append(cut)
+        values = values[values > cut.value]
+    return tuple(cuts)
+
+
+def _otsu(values: np.ndarray) -> Cut:
+    """The cut that splits sorted values into two classes of the largest between-class variance (Otsu 1979)."""
+    # scale values whose range or sums exceed float64
+    if not max(abs(values[0]), abs(values[-1])) < LARGE:
+        cut = _otsu(values / LARGE)
+        return Cut(cut.value * LARGE, cut.below * LARGE, cut.above * LARGE)
+    end = sorted_percentile(values, HISTOGRAM_END)
+    end = end if end > values[0] else float(values[-1])
+    counts, edges = np.histogram(np.minimum(values, end), BINS, (float(values[0]), end))
+    middles = (edges[1:] + edges[:-1]) / 2
+    mass, moment = np.cumsum(counts)[:-1], np.cumsum(counts * middles)
+    rest = len(values) - mass
+    parted = (mass > 0) & (rest > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        below, above = moment[:-1] / mass, (moment[-1] - moment[:-1]) / rest
+        between = np.where(parted, mass * rest * ((above - below) / (values[-1] - values[0])) ** 2, -1.0)
+    # an empty interval between the classes has many best cuts: take its middle
+    best = np.flatnonzero(between >= between.max() * (1 - 1e-12))
+    at = int(best[len(best) // 2])
+    return Cut(float(edges[at + 1]), float(below[at]), float(above[at]))
+
+
+def _object_rung(sample: np.ndarray, cuts: tuple[Cut, ...]) -> int:
+    """The first cut whose foreground touches at most WHOLE faces; else the first that covers at most COVERED."""
+    faces = [face for axis in range(3) for face in (np.take(sample, 0, axis), np.take(sample, -1, axis))]
+    shares = [[float(np.mean(face > np.float64(cut.value))) for face in faces] for cut in cuts]
+    for rung, covered in enumerate(shares):
+        if sum(share > TOUCHED for share in covered) <= WHOLE:
+            return rung
+    for rung, covered in enumerate(shares):
+        if np.mean(covered) <= COVERED:
+            return rung
+    return 0

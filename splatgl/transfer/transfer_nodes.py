@@ -1,0 +1,213 @@
+"""Nodes of transfer functions: opacity curves by shape, such as `band:50%,90%:0.4`, and colour points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from splatgl.coercion import public
+from splatgl.data.color import srgb_of_name
+from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.options import nearest
+from splatgl.transfer.colormaps import colormap_name, control_colors
+from splatgl.transfer.presets import RAMP, SURFACE, cut_of
+from splatgl.transfer.statistics import Statistics, statistics
+from splatgl.transfer.transfer import Nodes, Transfer
+
+# places of a sigmoid's nodes: its lines are within 0.003 of it
+SMOOTH = np.linspace(0.0, 1.0, 17)
+# (place, share of the highest opacity) of each shape's nodes; places from 0 at its first value to 1 at its last
+SHAPES: dict[str, tuple[tuple[float, float], ...]] = {
+    "step": ((0.0, 0.0), (0.0, 1.0)),
+    "ramp": ((0.0, 0.0), (1.0, 1.0)),
+    "sigmoid": tuple(zip(SMOOTH.tolist(), (SMOOTH**2 * (3 - 2 * SMOOTH)).tolist(), strict=True)),
+    "gate": ((0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)),
+    "band": ((0.0, 0.0), (0.25, 1.0), (0.75, 1.0), (1.0, 0.0)),
+    "tent": ((0.0, 0.0), (0.5, 1.0), (1.0, 0.0)),
+}
+FORM = f"SHAPE[:VALUES[:OPACITY]] with a shape of {', '.join(SHAPES)}, such as ramp:60,120 or band:50%,90%:0.4"
+# percentile at which shapes without values end
+TOP = 99.9
+
+# (value, "#rrggbb")
+ColorPoints = Sequence[tuple[float, str]]
+
+
+class Level(NamedTuple):
+    """A value, or a percentile of a volume's values."""
+
+    number: float
+    is_percentile: bool
+
+    @classmethod
+    def read(cls, what: str, text: str) -> Level:
+        """Reads a number or P%. Raises InputError for other text."""
+        digits = text.strip()
+        percent = digits.endswith("%")
+        try:
+            number = float(digits.removesuffix("%"))
+        except ValueError:
+            number = np.nan
+        if not np.isfinite(number):
+            raise expected(what, "values, or percentiles such as 90%", repr(text[:80]))
+        if percent and not 0 <= number <= 100:
+            raise expected(what, "percentiles from 0% to 100%", text)
+        return cls(number, percent)
+
+    def value(self, what: str, stats: Statistics | None) -> float:
+        """The value. Raises InputError for a percentile without statistics."""
+        if not self.is_percentile:
+            return self.number
+        if stats is None:
+            raise expected(what, "values, or a volume whose percentiles are meant", f"{self.number:g}%")
+        if not len(stats.values):
+            raise expected(what, "values, as the volume has none", f"{self.number:g}%")
+        return stats.percentile(self.number)
+
+
+@public
+def opacity_curve(text: str, volume: Volume | Any | None = None, scale: str = "linear") -> Nodes:
+    """Nodes (value, opacity) of a curve `SHAPE[:VALUES[:OPACITY]]`, for `Transfer(points=…)`.
+
+    SHAPE: step (opaque from a value on), ramp, sigmoid (a ramp with smooth ends), gate (opaque from the first value to
+    below the second), band (the same with slopes over a quarter at each side), tent. VALUES: one for step, else two,
+    with `%` percentiles as presets take them: without the background of sparse volumes; without values, from where the
+    volume's object begins to the 99.9th percentile. OPACITY: the highest, per reference length (0.8). scale: "log"
+    places nodes by logarithms. Raises InputError.
+
+    ```python
+    volume = sg.scenes.ball(12)
+    transfer = sg.Transfer(sg.opacity_curve("band:20%,90%:0.5", volume), "hot")
+    ```
+    """
+    return curve_of(text, None if volume is None else statistics(volume), scale)
+
+
+def curve_of(text: Any, stats: Statistics | None, scale: str = "linear") -> Nodes:
+    """As `opacity_curve`, with the statistics of a volume's values."""
+    if not isinstance(text, str):
+        raise expected("curve", FORM, repr(text)[:80])
+    name, *rest = (part.strip() for part in text.split(":"))
+    if name not in SHAPES or len(rest) > 2:
+        fix = nearest(name, SHAPES) if name not in SHAPES else ""
+        raise expected("curve", FORM, repr(text[:80]), fix)
+    opacity = _opacity(rest[1]) if len(rest) > 1 else SURFACE
+    low, high = _ends(name, rest[0], stats) if rest and rest[0] else _default_ends(name, stats)
+    if scale == "log" and not low > 0:
+        raise expected("curve", "values above 0 on a logarithmic scale", f"{low:g}")
+    return shape_nodes(name, (low, high), opacity, scale)
+
+
+def _opacity(text: str) -> float:
+    try:
+        opacity = float(text)
+    except ValueError:
+        opacity = np.nan
+    if not 0 <= opacity <= 1:
+        raise expected("curve", "an opacity from 0 to 1 behind the values", repr(text[:80]))
+    return opacity
+
+
+def _ends(name: str, text: str, stats: Statistics | None) -> tuple[float, float]:
+    """The first and last value of a shape; equal for a step."""
+    parts = text.split(",")
+    count = 1 if name == "step" else 2
+    if len(parts) != count:
+        raise expected("curve", f"{'one value' if count == 1 else 'two values'} for {name}", repr(text[:80]))
+    low, high = (Level.read("curve", part).value("curve", stats) for part in (parts[0], parts[-1]))
+    if count == 2 and not low < high:
+        of = f", which are {low:g} and {high:g}" if "%" in text else ""
+        raise expected("curve", f"the lower value of {name} first, and another one", f"{text}{of}")
+    return low, high
+
+
+def _default_ends(name: str, stats: Statistics | None) -> tuple[float, float]:
+    """From the begin of the object to the brightest values; for a step the cut between object and surroundings."""
+    if stats is None or stats.constant:
+        got = "none" if stats is None else "a volume of one value"
+        raise expected("curve", f"values, or a volume of several, for {name}", got, f"such as {name}:60,120")
+    cut, top = cut_of(stats, None), stats.percentile(TOP)
+    low = cut.value if name == "step" else cut.ramp(RAMP)[0]
+    return low, low if name == "step" else max(top, float(np.nextafter(low, np.inf)))
+
+
+def shape_nodes(name: str, ends: tuple[float, float], opacity: float, scale: str = "linear") -> Nodes:
+    """Nodes of a shape between two values."""
+    low, high = ends
+    places = [place for place, _ in SHAPES[name]]
+    values = low * (high / low) ** np.array(places) if scale == "log" else low + np.array(places) * (high - low)
+    return tuple((float(value), share * opacity) for value, (_, share) in zip(values, SHAPES[name], strict=True))
+
+
+def shape_of(transfer: Transfer) -> str | None:
+    """Name of the shape of the opacities; None for others."""
+    points = transfer.points
+    ends, opacity = (points[0][0], points[-1][0]), max(share for _, share in points)
+    fits = (name for name in SHAPES if shape_nodes(name, ends, opacity, transfer.scale) == points)
+    return next(fits, None)
+
+
+def color_points(transfer: Transfer) -> ColorPoints:
+    """Values and colours of the control colours of the map, over the values that it spans."""
+    low, high = transfer.color_range
+    places, codes = control_colors(transfer.colormap)
+    values = low * (high / low) ** places if transfer.logarithmic else low + places * (high - low)
+    return tuple(zip(values.tolist(), codes, strict=True))
+
+
+def with_color_points(transfer: Transfer, points: ColorPoints) -> Transfer:
+    """The transfer function with colours at values, between which they are mixed in sRGB; one alone is everywhere."""
+    colormap, window = color_map(points, transfer.scale)
+    return replace(transfer, colormap=colormap, window=window or transfer.color_range)
+
+
+def color_map(points: ColorPoints, scale: str = "linear") -> tuple[str, tuple[float, float] | None]:
+    """The colour map of colours at ascending values, and the window that it spans; None for a single value."""
+    values = np.array([value for value, _ in points], np.float64)
+    low, high = float(values[0]), float(values[-1])
+    if not low < high:
+        return points[-1][1], None
+    if scale == "log" and not low > 0:
+        raise expected("colors", "values above 0 on a logarithmic scale", f"{low:g}")
+    places = np.log(values / low) / np.log(high / low) if scale == "log" else (values - low) / (high - low)
+    colors = [list(bytes.fromhex(code[1:])) for _, code in points]
+    return colormap_name(places, np.array(colors) / 255), (low, high)
+
+
+def color_code(what: str, color: Any) -> str:
+    """#rrggbb of a name, or of sRGB (r, g, b) from 0 to 1. Raises InputError for others."""
+    try:
+        if isinstance(color, str):
+            return "#{:02x}{:02x}{:02x}".format(*srgb_of_name(color.strip()))
+        rgb = np.asarray(color, dtype=np.float64)
+        if rgb.shape != (3,) or not ((rgb >= 0) & (rgb <= 1)).all():
+            raise ValueError
+        return "#" + bytes(np.rint(rgb * 255).astype(np.uint8)).hex()
+    except (TypeError, ValueError):
+        is_name = isinstance(color, str)
+        this = "#rgb, #rrggbb or a CSS name such as red" if is_name else "a name, or sRGB (r, g, b) from 0 to 1"
+        raise expected(what, this, repr(color)[:80]) from None
+
+
+def read_color_points(colors: Any, stats: Statistics | None) -> ColorPoints:
+    """Colour points of text VALUE:COLOUR,… or of (value, colour) pairs; values may be P%. Raises InputError."""
+    form = "VALUE:COLOUR,…, such as 60:red,120:#ffd0a0"
+    pairs = [tuple(part.split(":")) for part in colors.split(",")] if isinstance(colors, str) else colors
+    points = []
+    for pair in pairs if isinstance(pairs, Sequence) else ():
+        match pair:
+            case [str() | int() | float() as value, name]:
+                level = Level.read("colors", str(value)).value("colors", stats)
+                points.append((level, color_code("colors", name)))
+            case _:
+                raise expected("colors", form, repr(colors)[:80])
+    if not points:
+        raise expected("colors", form, repr(colors)[:80])
+    values = [value for value, _ in points]
+    if values != sorted(values):
+        raise expected("colors", "values that never fall", ", ".join(f"{value:g}" for value in values))
+    return tuple(points)
