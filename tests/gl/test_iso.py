@@ -12,7 +12,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.distributed.render import Part, join_parts
+from splatgl.distributed.render import PicturePart, join_parts
 from splatgl.gl.shader import compose
 from splatgl.planning import bricks
 from splatgl.reference.depth_map import depths
@@ -235,7 +235,7 @@ def test_bricks_and_parts_of_a_picture_agree_with_float64(
     assert chosen.resolved.sheets is not None and whole.info["bricks"] == 64
     shells = some.shells(chosen.resolved.sheets, chosen.view, 4)
     reached = [some.within(chosen.resolved.sheets, chosen.view, shell) for shell in shells]
-    parts = [Part.of(renderer.render_part(each, camera, settings), sum(each.found.values())) for each in reached]
+    parts = [PicturePart.of(renderer.render_part(each, camera, settings), sum(each.found.values())) for each in reached]
     joined = reduce(partial(join_parts, chosen.program.look.blend.join), parts)
     picture = renderer.render_joined(some, camera, settings, joined.whole, joined.splats)
     assert len(parts) == 4 and right[..., 3].max() > 0.5
