@@ -130,8 +130,9 @@ probe() { # backend
 import sys
 from splatgl.errors import InputError
 from splatgl.gl.context import context_info, open_context
+from splatgl.opengl import OpenGL
 try:
-    info = context_info(open_context(sys.argv[1]))
+    info = context_info(open_context(OpenGL(sys.argv[1])))
 except InputError as error:
     print(error)
     sys.exit(3)

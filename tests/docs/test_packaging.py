@@ -116,3 +116,19 @@ def test_the_image_has_what_the_set_up_installs() -> None:
     copied = re.findall(r"(?m)^COPY (?!--)(.+) \S+$", image)
     assert copied and all((ROOT / name).exists() for line in copied for name in line.split())
     assert re.search(r"(?m)^USER (?!root)", image)
+
+
+def test_the_set_up_looks_for_opengl() -> None:
+    """Its check, which no other test runs, opens a context, or says why not."""
+    line = ". scripts/setup.sh; venv=$1; probe egl"
+    command = ["bash", "-c", line.replace("$1", sys.prefix)]
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert told.returncode in (0, 3) and told.stdout.strip() and not told.stderr, told.stderr
+
+
+def test_files_that_the_test_script_names_exist() -> None:
+    """Also those in braces, which only bash expands."""
+    text = (ROOT / "scripts" / "test").read_text(encoding="utf-8")
+    lists = " ".join(re.findall(r"tests/[\w/{},]+\.py", text))
+    found = subprocess.run(["bash", "-c", f"ls {lists}"], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert lists and found.returncode == 0, found.stderr
