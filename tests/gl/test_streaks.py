@@ -93,7 +93,7 @@ def test_exact_streaks_are_their_twin(renderer: sg.Renderer, view: str, move: st
     {"shutter": 360, "background": (0.1, 0.2, 0.3)},
     {"order": "front-to-back"},
     {"blur_width": 0.5},
-    {"blur_width": 2.0, "motion": "paper", "attenuation": "opacity"},
+    {"blur_width": 4.0, "motion": "paper", "attenuation": "opacity"},
 ], ids=str)  # fmt: skip
 def test_every_form_is_its_twin(renderer: sg.Renderer, spacing: str, changes: dict) -> None:
     settings = XRAY.but(blend="composite").but(**changes)

@@ -63,6 +63,7 @@ PLUMBING = {
 # Python names of functions that GLSL names otherwise
 OTHER_NAMES = {
     **{"attenuated_depth": "attenuate_depth", "blended": "blend_opacity", "dwelt_opacity": "moving_opacity"},
+    "blurred": "blur",
     **{"filled_depth": "fill_depth", "kept_part": "clip_to_mask", "light_of": "shade_part", "weighed": "shade_part"},
     **{
         "mapped_color": "map_color",

@@ -9,11 +9,12 @@ import splatgl as sg
 from splatgl.geometry.view import GridView, tangents
 from splatgl.gl.uniforms import frame_block
 from splatgl.planning.plan import Plan
+from splatgl.splat.footprint import table_quad
 from splatgl.splat.motion import FAR, NEAREST, Streaks, eye_point, streak_of, streaks
 from splatgl.splat.motion_blur import COLUMNS, ROWS, blur_table, hermite, isolation, moving_opacity, stretched_footprint
 from tests.helpers.noise import noise, views
 from tests.helpers.splatting import SPLATS
-from tests.helpers.streaks import inner_of, length_of, pass_kernels
+from tests.helpers.streaks import inner_of, length_of, pass_kernels, passing_on_quad, step_on
 from tests.helpers.twins import COUNT, Twin, some_voxels
 
 MOVE = sg.Motion(spin=(0, 3, 20), velocity=(0.4, 0, 0))
@@ -122,6 +123,23 @@ def test_kernels_on_their_paths(grid: str, name: str, twin: Twin, rng: np.random
     passed = pass_kernels(view, v, (v[:2] + at) / (v[2] if view.perspective else 1.0), step)
     rights = np.stack([passed.along, passed.across**2, passed.length, passed.gain])
     assert (np.abs(found - rights).max(axis=1) < 2e-6 * rights.max(axis=1)).all()
+
+
+@pytest.mark.parametrize("align", ["grid", "ray"])
+def test_footprints_on_the_paths_of_quads(align: str, twin: Twin, rng: np.random.Generator) -> None:
+    """Steps as quads of rows 4 and 5 see them, and how points of these pass them, by 1e−5 of the largest."""
+    splats, view, plan = moving("sheared", "fitted", align=align)
+    v = some_voxels(rng, view, splats)
+    step, at = some_steps(rng, view, v), rng.uniform(-2, 2, (2, COUNT))
+    found = twin("motion.glsl", "result.xy = step_on(splat_quad(v), s)", plan, splats, v=v.T, s=step.T)[:, :2].T
+    right = step_on(table_quad(view, v, align), step)
+    # an ellipse's axis has two directions
+    assert np.abs(np.abs(found) - np.abs(right)).max() < 1e-5 * np.abs(right).max()
+    expression = "Passing it = passing_on_quad(p, s); result = vec4(it.along, it.across2, it.size, it.gain)"
+    found = twin("footprint_eval.glsl streak.glsl", expression, plan, splats, s=right.T, p=at.T).T
+    passed = passing_on_quad(at, right)
+    rights = np.stack([passed.along, passed.across**2, passed.length, passed.gain])
+    assert (np.abs(found - rights).max(axis=1) < 1e-5 * rights.max(axis=1)).all()
 
 
 @pytest.mark.parametrize("grid", ["cubes", "sheared"])

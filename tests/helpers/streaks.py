@@ -157,13 +157,23 @@ def pass_quads(quads: Quads, ray: np.ndarray, step: np.ndarray) -> Passing:
         depth = (quads.normal * quads.voxel).sum(axis=0) / facing
     hit = (facing != 0) & (depth > 0)
     offset = np.where(hit, depth, 1.0) * line - quads.voxel
+    at = np.einsum("ain,in->an", np.stack([quads.axis_1, quads.axis_2]), offset) / quads.size
+    passed = passing_on_quad(at, step_on(quads, step))
+    return replace(passed, across=np.where(hit, passed.across, np.inf), gain=quads.gain)
+
+
+def step_on(quads: Quads, step: np.ndarray) -> np.ndarray:
+    """[2, N]: steps [2, N] across the view on the planes of quads, in voxels."""
     axes = np.stack([quads.axis_1, quads.axis_2])
-    at = np.einsum("ain,in->an", axes, offset) / quads.size
-    move = np.einsum("ain,in->an", axes[:, :2], step) / quads.size
-    length = np.hypot(*move)
-    heading = move / np.where(length > 0, length, 1.0)
-    across = np.where(hit, np.abs(heading[0] * at[1] - heading[1] * at[0]), np.inf)
-    return Passing((heading * at).sum(axis=0), across, length, quads.gain)
+    return np.asarray(np.einsum("ain,in->an", axes[:, :2], step) / quads.size)
+
+
+def passing_on_quad(at: np.ndarray, step: np.ndarray) -> Passing:
+    """Passes of points [2, N] by footprints that move by step [2, N], both on the quad's plane, in voxels."""
+    length = np.hypot(*step)
+    heading = step / np.where(length > 0, length, 1.0)
+    across = np.abs(heading[0] * at[1] - heading[1] * at[0])
+    return Passing((heading * at).sum(axis=0), across, length, np.ones_like(length))
 
 
 def render(
