@@ -9,8 +9,8 @@ from typing import Any
 
 
 def aliasing_note(info: Mapping[str, object]) -> str:
-    """What to add to the error of a picture, by its provenance, whose voxels are narrower than its samples, as the
-    reference takes the same samples. "" for others.
+    """A clause on the error of a picture whose voxels are narrower than its samples, by its provenance, as the
+    reference takes the same samples; "" for others.
     """
     return "; aliasing is not counted" if info.get("aliased") is True else ""
 

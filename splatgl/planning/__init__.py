@@ -1,1 +1,1 @@
-"""What one picture needs: layers, order, techniques, bounds."""
+"""The needs of one picture: layers, order, techniques, bounds."""

@@ -108,7 +108,7 @@ class Resolved:
 
     @property
     def behind(self) -> tuple[float, ...] | None:
-        """What is behind the picture: the background, as what is mixed; None if it is transparent, and of sums."""
+        """The background in the light that is mixed; None if it is transparent, and of sums."""
         if self.background is None or self.look.blend.unbounded:
             return None
         return tuple(srgb_from_linear(np.array(self.background)).tolist()) if self.display else self.background

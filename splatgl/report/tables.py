@@ -1,10 +1,9 @@
-"""Tables and text blocks as CSV, JSON, Markdown, HTML and plain text."""
+"""Tables as CSV, Markdown, HTML and plain text."""
 
 from __future__ import annotations
 
 import csv
 import io
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -13,7 +12,6 @@ from splatgl.comparison.html_report import html_table
 
 # width of a printed page, characters
 PAGE = 78
-BOLD = re.compile(r"\*\*(.+?)\*\*")
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ def open_document(scene: SceneFile) -> tuple[Document, tuple[FileOption, ...]]:
 
 
 def _read_first(source: SceneFile, read: Callable[[SceneFile], T]) -> tuple[T, SceneFile, tuple[FileOption, ...]]:
-    """What `read` returns for a source that chooses the first of several volumes; the source, and its choices."""
+    """Returned by `read` for a source that chooses the first of several volumes: the source, and its choices."""
     try:
         return read(source), source, ()
     except Choice as error:

@@ -335,6 +335,11 @@ def test_figures_are_blurred(
         assert draw_figure([*common, "-o", f"{name}.png", *more]) == 0
     a, b, c, d = (sg.Image.load(f"{name}.png").pixels for name in "abcd")
     assert a.shape == b.shape == c.shape and 0 < 2 * rmse(d, c) < rmse(a, c) < rmse(b, c)
+    # the hardware path of 1998 streaks unless told otherwise
+    for name, more in (("e", []), ("f", ["--motion", "paper"]), ("g", ["--motion", "exact"])):
+        assert draw_figure([*common, "--paper", "-o", f"{name}.png", *more]) == 0
+    e, f, g = (sg.Image.load(f"{name}.png").pixels[: -len(a) // 4] for name in "efg")
+    assert (e == f).all() and not (e == g).all()
     capsys.readouterr()
     assert draw_figure([*common, "--motion", "paper", "--moments", "2"]) == 2
     assert "one of --motion and --moments" in capsys.readouterr().err

@@ -219,7 +219,9 @@ def _blur(renderer: Renderer, args: argparse.Namespace, shutter: float) -> Motio
 
     def blurred(draw: Draw, track: Turning) -> Draw:
         def draw_blurred(splats: Splats, camera: Camera, settings: Settings) -> Image:
-            settings = settings.but(motion=args.motion or "auto", shutter=shutter)
+            # the paper's settings streak
+            default = "paper" if args.paper else "auto"
+            settings = settings.but(motion=args.motion or default, shutter=shutter)
             if blur_form(splats, settings) == "moments":
                 # a strip's view is narrow: use the count for the whole image
                 whole = replace(camera, size=(camera.size[1], camera.size[1]))
