@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.animation.animation import Animation, Frames, Timeline
 from splatgl.animation.movie import need, volumes, write_movie
-from splatgl.coercion import is_instance, is_scene, public
+from splatgl.coercion import public
 from splatgl.errors import USER_ERRORS, error_prefix, expected
 from splatgl.fileio import check_source, within, write_file
 from splatgl.options import OptionGroup, is_number, keyword, keywords_of, names_of, non_default
@@ -70,8 +70,8 @@ def animate(
     ```
     """
     items = list(x) if isinstance(x, list | tuple) else [x]
-    if not items or any(is_instance(item, "Splats") or is_scene(item) for item in items):
-        raise expected("animate", "volumes, arrays or files", "an empty list" if not items else "splats or a scene")
+    if not items:
+        raise expected("animate", "volumes, arrays or files", "an empty list")
     if "camera" in options:
         raise expected("animate", "a view", "a camera", "name its azimuth, elevation and zoom, or eye and look_at")
     options_given, (look, base) = ungrouped(options, transfer, settings)
@@ -83,7 +83,9 @@ def animate(
         raise expected("bits", "8 or 16", repr(bits))
     check_fps(fps, "fps")
     found = [scene_of(item, look, None, base, rest) for item in items]
-    scenes, memory = [scene for scene, _ in found], found[0][1]
+    scenes, memory = [scene for scene, _ in found if isinstance(scene, SceneFile)], found[0][1]
+    if len(scenes) < len(found):
+        raise expected("animate", "volumes, arrays or files", "splats or a scene")
     timeline, fps = timeline_of(scenes[0], Timeline(**given), fps)
     scenes = [with_blur(scene, options_given.get("shutter")) for scene in scenes]
     scenes = [each for scene in scenes for each in ([scene] if scene.held is not None else volumes(scene, ()))]

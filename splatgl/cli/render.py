@@ -53,8 +53,8 @@ def write_depths(scene: OpenScene, path: str, at: float | str | None) -> None:
     from splatgl.splat.settings import BLENDS
 
     started = time.perf_counter()
-    camera, settings = scene.camera, replace(scene.file.settings, clip=())
-    depth, blend = depths_of(scene.scene, camera, settings, at), BLENDS[settings.blend]
+    camera, blend = scene.camera, BLENDS[scene.file.settings.blend]
+    depth = depths_of(scene, at)
     share = (blend.join if blend.one_value else HALF) if at is None else at
     unit = scene.volume.unit or "units"
     info = {"version": __version__, "source": Path(scene.file.volume).name, "depth_at": share, "unit": unit}

@@ -18,12 +18,12 @@ from splatgl.fileio import within
 from splatgl.options import OptionGroup, by_fields, checked, declared, is_number, names_of, refuse_unknown
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
-from splatgl.scene.draw import DrawOptions, depths_of, draw, draw_subject
+from splatgl.scene.draw import DrawOptions, SubjectView, depths_of, draw
 from splatgl.scene.groups import TRANSFER, ungrouped, with_groups
 from splatgl.scene.meshes import VECTORS, MeshFile
 from splatgl.scene.open_scene import OpenScene, with_background
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.view import ViewOptions
+from splatgl.scene.view import AZIMUTH, ELEVATION, ViewOptions
 from splatgl.splat.settings import Settings
 from splatgl.transfer.transfer import EXTENT, Transfer
 from splatgl.transfer.transfer_files import SUFFIXES
@@ -31,7 +31,7 @@ from splatgl.transfer.transfer_files import SUFFIXES
 if TYPE_CHECKING:
     from splatgl.geometry.camera import Camera
     from splatgl.keywords import RenderKeywords
-    from splatgl.planning.scene import Scene
+    from splatgl.splat.splats import Splats
 
 
 # options of a scene that are keywords; the last ones are those of settings as a whole
@@ -56,16 +56,8 @@ def depth_map(
     "max" or "min": the depth of the largest or least value; None: ½, or the value that mip and minip show. Needs no
     OpenGL. Raises InputError like `render`, and for splats and volumes that are read in parts.
     """
-    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
-    if is_instance(x, "Splats"):
-        raise expected("depths", "a volume, an array, a file or a scene", "splats")
-    if is_scene(x):
-        _refuse_transfer(look)
-        layers, seen, drawn = view_of(x, view, base, given)
-        return depths_of(layers, seen, drawn, at)
-    scene = OpenScene.read(scene_of(x, look, view, base, given)[0])
-    # the planes of the settings are the scene's
-    return depths_of(scene.scene, scene.camera, replace(scene.file.settings, clip=()), at)
+    given, slots = ungrouped(options, transfer, camera, settings)
+    return depths_of(opened(scene_of(x, *slots, given)[0]), at)
 
 
 @with_groups()
@@ -98,26 +90,19 @@ def render(
     image.save("head.png")
     ```
     """
-    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
-    if is_scene(x):
-        _refuse_transfer(look)
-        return picture_of(x, view, base, given)
-    scene, memory = scene_of(x, look, view, base, given)
-    return picture(x, scene, memory)
+    given, slots = ungrouped(options, transfer, camera, settings)
+    return picture(*scene_of(x, *slots, given))
 
 
-def picture(x: Any, file: SceneFile, memory: int | None = None) -> Image:
+def picture(scene: SceneFile | SubjectView, memory: int | None = None) -> Image:
     """Draws a scene from `scene_of` with the shared renderer."""
-    drawing = DrawOptions(is_shared=True, memory=memory)
-    if is_instance(x, "Splats"):
-        if not len(x):
-            raise expected("splats", "at least one", "none")
-        image = draw_subject(x, file.view.camera(x, x), with_background(file.settings, x.shaded), drawing)
-        info = {"version": __version__, "source": x.name, **({} if file.view.dpi is None else {"dpi": file.view.dpi})}
-        return replace(image, info={**image.info, **info})
     with within(memory):
-        scene = OpenScene.read(file)
-        return draw(scene, drawing)
+        return draw(opened(scene), DrawOptions(is_shared=True, memory=memory))
+
+
+def opened(scene: SceneFile | SubjectView) -> OpenScene | SubjectView:
+    """A scene from `scene_of`, whose first volume is read."""
+    return OpenScene.read(scene) if isinstance(scene, SceneFile) else scene
 
 
 def scene_of(
@@ -126,16 +111,22 @@ def scene_of(
     camera: Camera | None,
     settings: Settings | None,
     options: Mapping[str, Any],
-) -> tuple[SceneFile, int | None]:
-    """Returns the scene of `x` with the arguments of `render`, and the memory limit; for splats without a volume."""
+) -> tuple[SceneFile | SubjectView, int | None]:
+    """Returns the scene of `x` with the arguments of `render`, and the memory limit; splats, layers and plotters have
+    no file, and are seen as they are.
+    """
+    if is_scene(x):
+        if transfer is not None:
+            raise expected("transfer", "none beside a scene, whose layers have theirs", type(transfer).__name__)
+        return _layers_view(x, camera, settings, options), None
     rest, transfer = by_fields(options, Transfer, SceneFile, LoadOptions), _transfer(transfer)
     beside = [name for name in ("preset", "file") if rest.get(name)]
     if beside and transfer:
         raise expected(beside[0], "none beside a transfer function", repr(rest[beside[0]]), "leave one of them out")
-    drawing = names_of(ViewOptions, Settings)
+    drawing, are_splats = names_of(ViewOptions, Settings), is_instance(x, "Splats")
     if rest.get("annotate") is None:
         rest.pop("annotate", None)
-    if is_instance(x, "Splats"):
+    if are_splats:
         others = [*transfer, *(name for name in rest if name not in drawing)]
         if others:
             raise expected("splats", "a view and settings", ", ".join(others), "extract them with these")
@@ -158,8 +149,9 @@ def scene_of(
         viewing = [name for name in names_of(ViewOptions) if name in rest]
         scene = replace(scene, view=_fixed(camera, viewing))
     scene = scene.with_transfer(transfer).with_options(**rest)
-    scene = scene if "blend" in rest else scene.with_preset_blend()
-    return scene, memory
+    if are_splats:
+        return _splats_view(x, scene), None
+    return scene if "blend" in rest else scene.with_preset_blend(), memory
 
 
 def _source(x: Any, reading: dict[str, Any]) -> SceneFile:
@@ -195,15 +187,9 @@ def _transfer(transfer: Any) -> dict[str, Any]:
 ORBIT = ("azimuth", "elevation", "fov", "size", "zoom", "up")
 
 
-def _refuse_transfer(transfer: Any) -> None:
-    if transfer is not None:
-        raise expected("transfer", "none beside a scene, whose layers have theirs", type(transfer).__name__)
-
-
-def view_of(
-    x: Any, camera: Camera | None, settings: Settings | None, options: Mapping[str, Any]
-) -> tuple[Scene, Camera, Settings]:
-    """The layers, view and settings of a scene of layers, or of a plotter.
+def _layers_view(x: Any, camera: Camera | None, settings: Settings | None, options: Mapping[str, Any]) -> SubjectView:
+    """The view of a scene of layers; or of a plotter on its background, with notes on the differences from its own
+    picture.
 
     camera, settings: replace the plotter's. options: fields of Settings, and options of the view; for a plotter only
     the size.
@@ -222,27 +208,25 @@ def view_of(
     if "size" in viewing:
         viewing["size"] = ViewOptions(viewing["size"]).size
     scene = x if layers else Scene.of(x)
-    view = camera or (Camera.orbit(scene, **{"azimuth": 30.0, "elevation": 20.0, **viewing}) if layers else None)
     base = replace(settings or (Settings() if layers else Settings.of(x)), **drawing)
     base = with_background(base, scene.is_lit)
-    return scene, view or Camera.of(x, viewing.get("size")), base
-
-
-def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options: Mapping[str, Any]) -> Image:
-    """Draws a scene of layers, or the view of a plotter on the plotter's background; arguments as of `view_of`.
-
-    For a plotter info["notes"] lists the differences from its own picture.
-    """
-    scene, view, base = view_of(x, camera, settings, options)
-    image = draw_subject(scene, view, base, DrawOptions(is_shared=True))
-    if scene is x:
-        return image
+    if layers:
+        orbit = {"azimuth": AZIMUTH, "elevation": ELEVATION, **viewing}
+        return SubjectView(scene, camera or Camera.orbit(scene, **orbit), base)
     from splatgl.integrations.vtk.scene import list_differences
 
-    # not those on what the plotter sets
+    view = camera or Camera.of(x, viewing.get("size"))
     typed = {*(settings or Settings()).given, *options}
-    unused = [note for note in image.notes if typed & {*note.partition(":")[0].split(", ")}]
-    return replace(image, info={**image.info, "notes": (*list_differences(x), *unused)})
+    return SubjectView(scene, view, base, notes=tuple(list_differences(x)), typed=typed)
+
+
+def _splats_view(splats: Splats, file: SceneFile) -> SubjectView:
+    """The view of splats without a volume. file: their view and settings."""
+    if not len(splats):
+        raise expected("splats", "at least one", "none")
+    info = {"version": __version__, "source": splats.name, **file.view.paper}
+    camera = file.view.camera(splats, splats)
+    return SubjectView(splats, camera, with_background(file.settings, splats.shaded), info)
 
 
 @public
@@ -254,8 +238,5 @@ def camera_of(
     **options: Any,
 ) -> Camera:
     """Returns the camera of `render` with the same arguments; draws nothing."""
-    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
-    if is_scene(x):
-        return view_of(x, view, base, given)[1]
-    file, _ = scene_of(x, look, view, base, given)
-    return file.view.camera(x, x) if is_instance(x, "Splats") else OpenScene.read(file).camera
+    given, slots = ungrouped(options, transfer, camera, settings)
+    return opened(scene_of(x, *slots, given)[0]).camera

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -191,8 +191,32 @@ UNSUPPORTED = {
 }
 
 
-def draw(scene: OpenScene, how: DrawOptions) -> Image:
+@dataclass(frozen=True, eq=False)
+class SubjectView:
+    """Splats or layers without a file, with the camera and settings of their picture. info: further provenance. notes:
+    beside those of the renderer, of which only notes on `typed` options stay, None: all.
+    """
+
+    subject: Splats | Scene
+    camera: Camera
+    settings: Settings
+    info: Mapping[str, object] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    typed: Collection[str] | None = None
+
+    def finished(self, image: Image) -> Image:
+        """The picture with its provenance and notes."""
+        info = {**image.info, **self.info}
+        if self.typed is not None:
+            kept = [note for note in image.notes if {*note.partition(":")[0].split(", ")} & {*self.typed}]
+            info["notes"] = (*self.notes, *kept)
+        return replace(image, info=info)
+
+
+def draw(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
     """Draws a scene in this process, with its provenance and annotations."""
+    if isinstance(scene, SubjectView):
+        return scene.finished(draw_subject(scene.subject, scene.camera, scene.settings, how))
     check_time(scene.names)
     if scene.file.slices:
         image = draw_slices(scene)
@@ -229,10 +253,8 @@ def finish(image: Image, scene: OpenScene) -> Image:
     """Adds the provenance and the annotations of its scene to a picture; prints the notes on it."""
     told = scene.scene.notes if not scene.is_single else ()
     print_lines([note for note in image.notes if note not in told], scene.is_quiet)
-    dpi = scene.file.view.dpi
-    on_paper = {} if dpi is None else {"dpi": dpi}
     about = provenance_of(scene.file, scene.transfer, scene.transfer.length(scene.volume))
-    image = replace(image, info={**image.info, **about, **on_paper})
+    image = replace(image, info={**image.info, **about, **scene.file.view.paper})
     image = image.with_notes(scene.volume.notes)
     return annotate(image, scene) if scene.file.annotate else image
 
@@ -325,11 +347,21 @@ def annotate(image: Image, scene: OpenScene) -> Image:
     return image
 
 
-def depths_of(scene: Scene, camera: Camera, settings: Settings, at: float | str | None) -> np.ndarray:
-    """Depths float64 [H, W] of a scene. at: share of absorbed light, max or min; None: ½, or the value of the blend."""
+def depths_of(scene: OpenScene | SubjectView, at: float | str | None) -> np.ndarray:
+    """Depths float64 [H, W] of a scene. at: share of absorbed light, max or min; None: ½, or the value of the blend.
+    Raises InputError for splats.
+    """
+    from splatgl.planning.scene import Scene
     from splatgl.reference.depth_map import depths
 
-    return depths(scene, camera, at, settings)
+    if isinstance(scene, SubjectView):
+        subject, settings = scene.subject, scene.settings
+    else:
+        # the planes of the settings are the scene's
+        subject, settings = scene.scene, replace(scene.file.settings, clip=())
+    if not isinstance(subject, Scene):
+        raise expected("depths", "a volume, an array, a file or a scene", "splats")
+    return depths(subject, scene.camera, at, settings)
 
 
 # seconds between two lines of progress, and the share that is done or the seconds after which there is another

@@ -110,7 +110,7 @@ def draw_slices(scene: OpenScene) -> Image:
         "slices": [cell.provenance for cell in cells],
         "background": None if background is None else list(background),
         "seconds": round(time.perf_counter() - started, 6),
-        **({} if file.view.dpi is None else {"dpi": file.view.dpi}),
+        **file.view.paper,
     }
     image = Image(pixels, {**info, **provenance_of(file, scene.transfer, scene.transfer.length(volume))}).with_notes(
         _unused_notes(file)

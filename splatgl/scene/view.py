@@ -180,6 +180,11 @@ class ViewOptions:
             options = {"view": None, **options}
         return replace(self, **options)
 
+    @property
+    def paper(self) -> dict[str, object]:
+        """Dots per inch, for the provenance of a picture; none unless they are stated."""
+        return {} if self.dpi is None else {"dpi": self.dpi}
+
     def notes(self, frame: str | None) -> tuple[str, ...]:
         """A note on a view that needs a patient's frame, of data without one."""
         if frame is not None or self.view is None or self.view not in OF_PATIENTS:

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Unpack
 
-from splatgl.coercion import is_instance, public
+from splatgl.coercion import public
 from splatgl.data.image import Image
 from splatgl.errors import InputError
 from splatgl.fileio import within
@@ -54,22 +54,22 @@ def show(
     """
     if isinstance(x, Image):
         return x
-    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
-    scene, memory = scene_of(x, look, view, base, given)
-    if in_notebook():
-        if not is_instance(x, "Splats") and find_spec("jupyter_rfb"):
+    given, slots = ungrouped(options, transfer, camera, settings)
+    scene, memory = scene_of(x, *slots, given)
+    if isinstance(scene, SceneFile):
+        if in_notebook() and find_spec("jupyter_rfb"):
             from splatgl.viewer.notebook import Session, View
 
             return View(Session(scene, memory))
-        if not is_instance(x, "Splats"):
+        if in_notebook():
             print('for a view that the mouse turns: pip install "splatgl[notebook]"')
-        return picture(x, scene, memory)
-    if not is_instance(x, "Splats") and has_display():
-        with within(memory):
-            _window(scene, "size" in given or view is not None)
-        return None
-    image = picture(x, scene, memory)
-    print('no display: save the picture by image.save("picture.png")')
+        elif has_display():
+            with within(memory):
+                _window(scene, "size" in given or slots[1] is not None)
+            return None
+    image = picture(scene, memory)
+    if not in_notebook():
+        print('no display: save the picture by image.save("picture.png")')
     return image
 
 
