@@ -28,10 +28,10 @@ from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.planning.bricks import Bricks
-from splatgl.planning.resolve import select_splats, why_classified_before
-from splatgl.planning.scene import ResolvedScene, Scene
+from splatgl.planning.resolve import why_classified_before
+from splatgl.planning.scene import Scene, ScenePlan, plan_scene
 from splatgl.reference.field import kept_field_integral
-from splatgl.reference.renderer import reachable, reachable_of, render_pixels, render_pixels_of, resolve_scene
+from splatgl.reference.renderer import reachable, reachable_of, render_pixels, render_pixels_of
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 
@@ -69,36 +69,47 @@ def check(
 
     amount: number of pixels to draw (default PIXELS; 0: none), all if the picture has no more, or seconds, a float.
     field: also compares some of the pixels that show matter with the exact integral of the field, whose values are
-    reconstructed and classified at every point of a ray: `info["checked"]["field"]`. Raises InputError as
-    `check_input`.
+    reconstructed and classified at every point of a ray: `info["checked"]["field"]`. Raises InputError as `plan_scene`,
+    for a field of no pixels, and for that of voxels classified before reconstruction.
     """
-    settings = settings or Settings()
-    check_input(splats, camera, settings, amount, field)
-    return (
-        image if amount == 0 else _check(image, splats, resolve_scene(splats, camera, settings), camera, amount, field)
-    )
+    return _check(image, splats, plan_scene(splats, camera, settings or Settings()), camera, amount, field)
 
 
 def _check(
-    image: Image, subject: Scene | Splats, scene: ResolvedScene, camera: Camera, amount: int | float | None, field: bool
+    image: Image, subject: Scene | Splats, plan: ScenePlan, camera: Camera, amount: int | float | None, field: bool
 ) -> Image:
-    """`check` of a picture of a subject whose settings are resolved, by at least a pixel."""
-    settings, draw = scene.settings, partial(render_pixels, scene, camera)
-    amount = PIXELS if amount is None else amount
+    """`check` of a picture of a subject by its plan."""
+    if amount is not None and not amount >= field:
+        raise expected("--check", "pixels or seconds" + " of at least 1, with --field" * field, amount)
+    if field:
+        _check_field(subject, plan)
+    if amount == 0:
+        return image
+    settings, scene = plan.settings, plan.resolved(camera)
+    amount, draw = PIXELS if amount is None else amount, partial(render_pixels, scene, camera)
     image, drawn = compare_sample(image, settings, amount, draw, reachable(scene, camera))
     if field and len(drawn):
-        ((layer, look),) = subject.drawn(settings)
         shown = drawn[_is_visible(image.pixels, settings).ravel()[drawn]]
         shown = shown if len(shown) else drawn
         pixels = shown[np.linspace(0, len(shown) - 1, min(FIELD_PIXELS, len(shown))).astype(int)]
-        chosen = select_splats(layer, look, False, camera)
-        samples = 1 if settings.antialias == "off" else FIELD_SAMPLES
-        off = image.pixels.reshape(-1, 4)[pixels] - kept_field_integral(chosen, camera, pixels, samples, look)
+        samples, of = 1 if settings.antialias == "off" else FIELD_SAMPLES, plan.first
+        exact = kept_field_integral(of.splats, camera, pixels, samples, of.settings)
+        off = image.pixels.reshape(-1, 4)[pixels] - exact
         errors = {"largest": float(np.abs(off).max()), "rmse": float(np.sqrt((off**2).mean()))}
         checked = image.info["checked"]
         assert isinstance(checked, dict)
         checked["field"] = {"pixels": len(pixels), **errors}
     return image
+
+
+def _check_field(subject: Scene | Splats, plan: ScenePlan) -> None:
+    """Raises InputError for a picture that is not of one field of values."""
+    if not plan.is_single:
+        raise expected("--field", "a picture of one volume", "layers or meshes")
+    ((splats, settings),) = subject.drawn(plan.settings)
+    why = why_classified_before(splats.source, plan.first.splats, settings, moving=False)
+    if why:
+        raise expected("--field", "values classified after reconstruction", f"voxels classified before ({why})")
 
 
 def compare(image: Image, amount: int | float | None = None, field: bool = False) -> Image:
@@ -109,10 +120,7 @@ def compare(image: Image, amount: int | float | None = None, field: bool = False
     plain = replace(image, pixels=pixels)
     if isinstance(subject, Bricks):
         return replace(image, info=check_bricks(plain, subject, camera, settings, amount).info)
-    check_input(subject, camera, settings, amount, field)
-    if amount == 0:
-        return image
-    return replace(image, info=_check(plain, subject, image.plan.resolved(camera), camera, amount, field).info)
+    return replace(image, info=_check(plain, subject, image.plan, camera, amount, field).info)
 
 
 def accuracy_of(image: Image) -> Accuracy:
@@ -147,25 +155,6 @@ def check_bricks(
 
     reached = reachable_of(bricks, camera, settings) if amount != 0 else None
     return compare_sample(image, settings, BRICK_PIXELS if amount is None else amount, draw, reached)[0]
-
-
-def check_input(
-    splats: Splats | Scene, camera: Camera, settings: Settings, amount: int | float | None, field: bool
-) -> None:
-    """Raises InputError, before any drawing, for input that `check` cannot compare: a field of no pixels, or of voxels
-    classified before reconstruction.
-    """
-    if amount is not None and not amount >= field:
-        raise expected("--check", "pixels or seconds" + " of at least 1, with --field" * field, amount)
-    if not field:
-        return
-    (layer, settings), *others = splats.drawn(settings)
-    if others or splats.surfaces(settings):
-        raise expected("--field", "a picture of one volume", "layers or meshes")
-    selected = select_splats(layer, settings, False, camera)
-    why = why_classified_before(layer.source, selected, settings, moving=False)
-    if why:
-        raise expected("--field", "values classified after reconstruction", f"voxels classified before ({why})")
 
 
 def compare_sample(
