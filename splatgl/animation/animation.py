@@ -27,7 +27,7 @@ from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name
 from splatgl.geometry.camera import Bounded, Camera
 from splatgl.options import Group, Kind, check_options, non_default, option
-from splatgl.planning.bricks import Bricks, bricks_of, excess_need, required_bricks
+from splatgl.planning.bricks import Bricks, excess_bricks, required_bricks
 from splatgl.planning.ordering import order_for
 from splatgl.planning.resolve import has_streaks
 from splatgl.planning.scene import Scene, moments_per_frame
@@ -318,10 +318,10 @@ def _bands(scene: OpenScene, flow: float | None) -> int:
     Raises InputError for motion blur that needs all splats at once.
     """
     file, most = scene.file, budget()
-    bricks = None if file.threshold else bricks_of(scene.volume, scene.transfer, file.settings)
-    need = excess_need(bricks, file.view.size, most) if bricks and most > 0 else None
-    if bricks is None or need is None:
+    excess = excess_bricks(scene.volume, scene.transfer, file.settings, file.view.size, file.threshold)
+    if excess is None or most <= 0:
         return 0
+    bricks, need = excess
     if flow is not None or has_streaks(file.settings):
         if need.bytes <= most:
             return 0

@@ -67,7 +67,7 @@ class Image:
     """pixels: float32 [H, W, 4], linear, premultiplied, row 0 at the top. info: how the image was rendered. figure: the
     picture without its annotations, and these, for PDF and SVG. bits: 8 or 16 of samples, None of floats. drawn: what
     `accuracy` compares with; None of files, of blurred pictures, and of copies for other processes. plan: the
-    `ScenePlan` that drew it; None of files, of volumes in bricks, and of copies for other processes.
+    `ScenePlan` that drew it; None of files, and of copies for other processes.
     """
 
     pixels: np.ndarray

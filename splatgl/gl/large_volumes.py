@@ -21,7 +21,7 @@ from splatgl.fileio import PROCESS, budget, byte_count, format_bytes, held_withi
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.grid import Grid
 from splatgl.gl.renderer import Renderer
-from splatgl.planning.bricks import EACH, Bricks, bricks_of, excess_need, spread_places
+from splatgl.planning.bricks import EACH, Bricks, excess_bricks, spread_places
 from splatgl.planning.plan import Blurred, Plan
 from splatgl.planning.resolve import check_blur_supported, extract_for_settings
 from splatgl.readers import load
@@ -306,15 +306,14 @@ def render_slabs(
     """Like `splatgl.distributed.render.render_slabs`, without workers. renderer: an open one; None: opens one."""
     settings = settings or Settings()
     with within(memory), nullcontext(renderer) if renderer else Renderer() as drawing:
-        volume, most = source if isinstance(source, Volume) else load(source), budget()
+        volume = source if isinstance(source, Volume) else load(source)
         level = choose_level(volume, transfer, camera, settings, drawing)
-        bricks = bricks_of(level.volume, transfer, settings)
-        need = excess_need(bricks, camera.size, most) if bricks else None
+        excess = excess_bricks(level.volume, transfer, settings, camera.size)
         info = {**level.info, "bricks": 0}
-        if bricks is None or need is None:
+        if excess is None:
             image = drawing.render(extract_for_settings(level.volume, transfer, settings), camera, settings)
             return Image(image.pixels, {**image.info, **info})
-        bricks, bands = need.fitted(bricks, most)
+        bricks, bands = excess[1].fitted(excess[0], budget())
         image = drawing.render_bricks(bricks, camera, settings, progress, bands=bands)
         return Image(image.pixels, {**info, **image.info})
 

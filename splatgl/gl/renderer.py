@@ -29,7 +29,6 @@ from splatgl.planning.error_bound import bound
 from splatgl.planning.plan import Plan, plan
 from splatgl.planning.resolve import why_per_splat
 from splatgl.planning.scene import Scene, ScenePlan, join_pictures, plan_scene
-from splatgl.planning.unused import unused_settings
 from splatgl.splat.extract_values import post_splats
 from splatgl.splat.motion import Moments, Motion, Shorter
 from splatgl.splat.settings import FULL_SHUTTER, Settings
@@ -214,9 +213,22 @@ class Renderer:
         another, as each needs memory for fewer splats. Raises InputError for settings that need splats other than
         values in sheets, and for a parallel view from inside the volume.
         """
+        return self.draw_bricks(
+            bricks, camera, self.plan_bricks(bricks, camera, settings), progress, interrupted, bands
+        )
+
+    def draw_bricks(
+        self,
+        bricks: Bricks,
+        camera: Camera,
+        chosen: Plan,
+        progress: Callable[[int, int], None] | None = None,
+        interrupted: Callable[[], bool] | None = None,
+        bands: int = 1,
+    ) -> Image:
+        """As `render_bricks`, by a plan of `plan_bricks`."""
         started = time.perf_counter()
-        chosen = self.plan_bricks(bricks, camera, settings)
-        visible = bricks.without_hidden(camera, settings or Settings())
+        visible = bricks.without_hidden(camera, chosen.settings)
         pixels = self._draw_bricks(visible, chosen, progress, interrupted, bands)
         return self._of_bricks(bricks, camera, chosen, pixels, sum(bricks.found.values()), started)
 
@@ -284,9 +296,10 @@ class Renderer:
         info = self.provenance(chosen, camera, time.perf_counter() - started)
         info |= {"splats": splats, "bricks": len(bricks.low), "error_bound": None, "tolerance_met": None}
         info["unmasked"] = bricks.whole.unmasked + sum(bricks.gaps.values())
-        notes = unused_settings((chosen,), chosen.settings)
-        info |= {"notes": notes} if notes else {}
-        return Image(pixels, info, drawn=Drawn(pixels, bricks, camera, chosen.settings))
+        plan = ScenePlan((chosen,), chosen.settings)
+        info |= {"notes": plan.notes} if plan.notes else {}
+        drawn = Drawn(pixels, bricks, camera, chosen.settings)
+        return Image(pixels, info, drawn=drawn, plan=plan)
 
     def _verified(self, chosen: Plan, camera: Camera, pixels: np.ndarray) -> float:
         """The difference to the picture of the finest form, table and target, plus its bound; inf for that form."""

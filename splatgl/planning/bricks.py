@@ -407,3 +407,14 @@ def excess_need(bricks: Bricks, size: tuple[int, int], memory: int) -> Need | No
     # samples are at most 2 × 2 where voxels are not narrower than pixels
     wanted = estimate_need(bricks, 4 * size[0] * size[1], memory)
     return None if wanted.bytes <= memory and wanted.most <= MOST_KEPT else wanted
+
+
+def excess_bricks(
+    volume: Volume, transfer: Transfer, settings: Settings, size: tuple[int, int], threshold: float = 0.0
+) -> tuple[Bricks, Need] | None:
+    """The volume in bricks, and the memory of its picture of `size`; None if it fits into the budget and the GPU, and
+    for voxels classified before reconstruction, or above a threshold.
+    """
+    bricks = None if threshold else bricks_of(volume, transfer, settings)
+    need = excess_need(bricks, size, budget()) if bricks else None
+    return (bricks, need) if bricks and need else None

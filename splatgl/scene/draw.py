@@ -242,7 +242,7 @@ def draw(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
         if how.memory is not None and scene.is_single and (scene.file.threshold or level.splats.post is None):
             why = "only values classified after reconstruction, without a threshold, are drawn in bricks"
             image = image.with_notes(no_effect(["memory"], why))
-    if not (image.info["splats"] or image.info.get("triangles")):
+    if not _shows(image):
         if not is_step:
             raise level.nothing_visible()
         image = image.with_notes([f"the picture is empty: {level.nothing_visible()}"])
@@ -276,46 +276,52 @@ def _choose_level(scene: OpenScene, how: DrawOptions) -> tuple[OpenScene, dict[s
 
 def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
     """Draws brick by brick a picture that needs more than --memory; None for others."""
-    from splatgl.planning.bricks import bricks_of, excess_need
+    from splatgl.planning.bricks import excess_bricks
 
-    file = scene.file
-    bricks = None if file.threshold else bricks_of(scene.volume, scene.transfer, scene.settings)
-    most = budget()
-    need = excess_need(bricks, file.view.size, most) if bricks is not None else None
-    if bricks is None or need is None:
+    file, camera, settings = scene.file, scene.camera, scene.settings
+    excess = excess_bricks(scene.volume, scene.transfer, settings, file.view.size, file.threshold)
+    if excess is None:
         return None
+    (bricks, need), most = excess, budget()
     fix = "give more --memory, or a part of the volume"
     how.check_supported("bricks", f"a picture that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
     with how.renderer() as renderer, progress_bar("brick", scene.is_quiet) as progress:
         # refuses what bricks cannot draw, before memory that is too little for it
-        plan = renderer.plan_bricks(bricks, scene.camera, scene.settings)
+        plan = renderer.plan_bricks(bricks, camera, settings)
         bricks, bands = need.fitted(bricks, most)
         if not scene.is_quiet:
             reason = f"{need}, together more than {format_bytes(most)}"
             if need.bytes <= most:
                 reason = f"up to about {need.most:,} splats are more than are drawn at once"
             print(f"{reason}: drawn in {len(bricks.low):,} bricks, nearest first")
-        if how.explain:
-            print(plan.explain())
-        image = renderer.render_bricks(bricks, scene.camera, scene.settings, progress, bands=bands)
-    return _compared(image, how) if image.info["splats"] else image
+        return _told(renderer.draw_bricks(bricks, camera, plan, progress, bands=bands), renderer, how)
 
 
 def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, how: DrawOptions) -> Image:
     """Draws splats or layers, and compares the picture with float64; prints the output of --explain and --savings."""
+    with how.renderer() as renderer:
+        return _told(renderer.render(subject, camera, settings), renderer, how)
+
+
+def _told(image: Image, renderer: Renderer, how: DrawOptions) -> Image:
+    """A picture that a renderer drew, compared with float64; prints the output of --explain and --savings."""
     from splatgl.scene.shared_renderer import measure_savings
 
-    with how.renderer() as renderer:
-        image = renderer.render(subject, camera, settings)
-        if how.explain:
-            print(image.plan.explain())
+    if how.explain:
+        print(image.plan.explain())
+    if _shows(image):
         image = _compared(image, how)
         if how.explain:
             image = image.with_accuracy()
             print(f"{replace(image, drawn=None).accuracy}, against the float64 reference of the same splats")
-        if how.savings:
-            print("\n".join(measure_savings(renderer, image.plan.first)))
+    if how.savings:
+        print("\n".join(measure_savings(renderer, image.plan.first)))
     return image
+
+
+def _shows(image: Image) -> bool:
+    """Whether there are splats or meshes in a picture."""
+    return bool(image.info["splats"] or image.info.get("triangles"))
 
 
 def _compared(image: Image, how: DrawOptions) -> Image:

@@ -212,15 +212,15 @@ class OpenScene:
 
     def check_fits(self) -> None:
         """Raises InputError for a layer that only bricks could draw within the memory budget."""
-        from splatgl.planning.bricks import bricks_of, excess_need
+        from splatgl.planning.bricks import excess_bricks
 
-        most = budget()
+        size = self.file.view.size
         for layer in self.scene.shown:
-            bricks = None if layer.threshold else bricks_of(layer.volume, layer.seen, self.file.settings)
-            need = excess_need(bricks, self.file.view.size, most) if bricks else None
-            if need is not None:
+            excess = excess_bricks(layer.volume, layer.seen, self.file.settings, size, layer.threshold)
+            if excess is not None:
                 name, fix = layer.volume.name or "layer", "give more --memory, or use a smaller volume"
-                raise expected(name, f"a layer that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
+                this = f"a layer that fits into {format_bytes(budget())}"
+                raise expected(name, this, format_bytes(excess[1].bytes), fix)
 
     def nothing_visible(self) -> InputError:
         """The error for a scene without splats and meshes, with the reason."""

@@ -19,7 +19,6 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.animation import animation
 from splatgl.animation.animation import Animation, Frames, Timeline, scale_xray
 from splatgl.animation.camera_track import Swept, between, keyframes, turning
 from splatgl.animation.movie import expanded, gif_times, read_ahead, volumes
@@ -712,7 +711,7 @@ def test_a_volume_beyond_memory_is_drawn_in_bricks(
     render = sg.Renderer.render_bricks
     allow_any_memory(monkeypatch)
     monkeypatch.setattr(sg.Renderer, "render_bricks", lambda *a, **k: bricks.append(1) or render(*a, **k))
-    monkeypatch.setattr(animation, "budget", lambda: 1 << 20)
+    monkeypatch.setattr("splatgl.fileio._budget", [1 << 20])
     capsys.readouterr()
     count = {"1": 1, "3": 3}.get(options[-1], 2)
     assert main([*keyed, "-o", "b/{frame}.npy", "--explain"]) == 0
@@ -735,7 +734,7 @@ def test_the_plan_of_bricks_counts_the_moments_that_are_drawn(
     render = sg.Renderer.render_bricks
     allow_any_memory(monkeypatch)
     monkeypatch.setattr(sg.Renderer, "render_bricks", lambda *a, **k: drawn.append(1) or render(*a, **k))
-    monkeypatch.setattr(animation, "budget", lambda: 1 << 20)
+    monkeypatch.setattr("splatgl.fileio._budget", [1 << 20])
     asked = ["animate", "v.npy", "--points", "0.45:0,0.6:0.8", "--size", "24", "--zoom", "4", "--frames", "12"]
     assert main([*asked, "--only", "3", "--motion", "moments", "--explain", "-o", "{frame}.npy"]) == 0
     assert len(drawn) > 1 and f"the mean of pictures at {len(drawn)} times" in capsys.readouterr().out
@@ -747,7 +746,7 @@ def test_what_takes_all_splats_of_a_volume_beyond_memory_is_refused(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     np.save("v.npy", np.random.default_rng(1).random((20, 20, 20)))
-    monkeypatch.setattr(animation, "budget", lambda: 1 << 20)
+    monkeypatch.setattr("splatgl.fileio._budget", [1 << 20])
     assert main(["animate", "v.npy", "-o", "{frame}.npy", "--frames", "2", "--size", "8", *options]) == 2
     error = capsys.readouterr().err
     assert "v.npy: expected a volume that fits into 1.0 MiB" in error and error.count("\n") == 1
