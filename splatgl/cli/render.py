@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
-from uuid import uuid4
 
 import numpy as np
 
@@ -28,9 +27,8 @@ from splatgl.data.color import AUTO
 from splatgl.data.image import Image, save_map
 from splatgl.errors import expected
 from splatgl.options import Group, declared, names_of
-from splatgl.scene.draw import DrawOptions, WorkerOptions, depths_of, draw, finish, progress_bar
-from splatgl.scene.meshes import is_mesh
-from splatgl.scene.open_scene import OpenScene, channel_layers
+from splatgl.scene.draw import DrawOptions, WorkerOptions, depths_of, draw, draw_on_workers
+from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 
@@ -154,7 +152,7 @@ def render(
         write_depths(scene, output.depth, output.depth_at)
         if output.output is None and reference is None:
             return 0
-    image = finish(_draw_on_workers(scene, how, by), scene) if by.are_used else draw(scene, how)
+    image = draw_on_workers(scene, how, by) if by.are_used else draw(scene, how)
     image = image.with_accuracy()
     status = 0 if reference is None else _compare(image, reference, output)
     if reference is not None and status == 0:
@@ -192,43 +190,6 @@ def _compare(image: Image, reference: Picture, output: OutputOptions) -> int:
     if not (verdict.same and output.is_quiet):
         print(verdict)
     return SAME if verdict.same else DIFFERENT
-
-
-def _draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> Image:
-    """Draws the picture in parts on workers of Dask."""
-    from splatgl.distributed.render import WorkerJob, draw_parts
-    from splatgl.splat.kernels import require_built_in
-
-    how.check_supported("workers", "a picture that is drawn by this process", "--workers or --scheduler")
-    file, settings = scene.file, scene.settings
-    require_built_in(settings.kernel)
-    # refuses options of channels beside a single one
-    channel_layers(file, scene.volume, scene.transfer)
-    unsupported = {
-        "--ambient-occlusion": settings.ambient_occlusion,
-        "--shadows": settings.shadows,
-        "--threshold": file.threshold,
-        "--scissors": len(file.scissors),
-        "--uncut": file.uncut,
-        "layers": len(file.layers),
-        "channels": len(scene.volume.channels) if len(scene.volume.channels) > 1 else 0,
-        "meshes": len(file.meshes) + file.vectors.has_lines + is_mesh(file.volume),
-        "--slice-plane": ", ".join(file.slice_planes),
-        "--surfaces": file.surfaces is not None,
-        "visible": "" if file.visible else "false",
-    }
-    for name, value in unsupported.items():
-        if value:
-            fix = "--channel picks one" if name == "channels" else ""
-            raise expected(name, "none, with --workers or --scheduler", value, fix)
-    opened = file.with_absolute_paths().open
-    job = WorkerJob(uuid4().hex, opened, scene.transfer, settings, by.drawing, scene.camera, how.memory)
-    notify = None if scene.is_quiet else print
-    with by.connected(notify) as client, progress_bar("part", scene.is_quiet) as progress:
-        image = draw_parts(client, job, None, progress, how.check)
-    if not image.info["splats"]:
-        raise scene.nothing_visible()
-    return image
 
 
 def _reference(name: str, output: Path) -> Picture:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from math import isfinite
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, format_bytes, parse_bytes
 from splatgl.opengl import OpenGL
 from splatgl.options import Group, Kind, check_options, declared, no_effect, option
-from splatgl.scene.open_scene import PATIENCE, OpenScene, provenance_of
+from splatgl.scene.open_scene import PATIENCE, OpenScene, channel_layers, provenance_of
 from splatgl.scene.slice_sheet import draw_slices
 from splatgl.splat.settings import BLENDS, Settings
 
@@ -249,6 +250,36 @@ def draw(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
     return finish(replace(image, info={**image.info, **info}), scene)
 
 
+def draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> Image:
+    """As `draw`, in parts on workers of Dask. Raises InputError for scenes that workers do not draw."""
+    from splatgl.distributed.render import WorkerJob, draw_parts
+    from splatgl.splat.kernels import require_built_in
+
+    how.check_supported("workers", "a picture that is drawn by this process", "--workers or --scheduler")
+    file, settings, this = scene.file, scene.settings, "none, with --workers or --scheduler"
+    require_built_in(settings.kernel)
+    # refuses options of channels beside a single one
+    count = len(channel_layers(file, scene.volume, scene.transfer))
+    file.require_one_volume(this, "")
+    unsupported = {
+        "--ambient-occlusion": settings.ambient_occlusion,
+        "--shadows": settings.shadows,
+        "--threshold": file.threshold,
+        "channels": count if count > 1 else 0,
+        "visible": "" if file.visible else "false",
+    }
+    for name, value in unsupported.items():
+        if value:
+            raise expected(name, this, value, "--channel picks one" if name == "channels" else "")
+    opened = file.with_absolute_paths().open
+    job = WorkerJob(uuid4().hex, opened, scene.transfer, settings, by.drawing, scene.camera, how.memory)
+    with by.connected(None if scene.is_quiet else print) as client, progress_bar("part", scene.is_quiet) as progress:
+        image = draw_parts(client, job, None, progress, how.check)
+    if not _shows(image):
+        raise scene.nothing_visible()
+    return finish(image, scene)
+
+
 def finish(image: Image, scene: OpenScene) -> Image:
     """Adds the provenance and the annotations of its scene to a picture; prints the notes on it."""
     told = scene.scene.notes if not scene.is_single else ()
@@ -304,13 +335,19 @@ def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, ho
 
 
 def _told(image: Image, renderer: Renderer, how: DrawOptions) -> Image:
-    """A picture that a renderer drew, compared with float64; prints the output of --explain and --savings."""
+    """A picture that a renderer drew, compared with float64 as --check and --field ask, without them on demand, with
+    --check 0 never; prints the output of --explain and --savings.
+    """
+    from splatgl.reference.check import compare
     from splatgl.scene.shared_renderer import measure_savings
 
     if how.explain:
         print(image.plan.explain())
     if _shows(image):
-        image = _compared(image, how)
+        if how.check == 0 and not how.check_field:
+            image = replace(image, drawn=None)
+        elif how.check is not None or how.check_field:
+            image = compare(image, how.check, how.check_field)
         if how.explain:
             image = image.with_accuracy()
             print(f"{replace(image, drawn=None).accuracy}, against the float64 reference of the same splats")
@@ -322,15 +359,6 @@ def _told(image: Image, renderer: Renderer, how: DrawOptions) -> Image:
 def _shows(image: Image) -> bool:
     """Whether there are splats or meshes in a picture."""
     return bool(image.info["splats"] or image.info.get("triangles"))
-
-
-def _compared(image: Image, how: DrawOptions) -> Image:
-    """The picture compared with float64 as --check and --field ask; without them on demand, with --check 0 never."""
-    from splatgl.reference.check import compare
-
-    if how.check == 0 and not how.check_field:
-        return replace(image, drawn=None)
-    return image if how.check is None and not how.check_field else compare(image, how.check, how.check_field)
 
 
 def print_lines(notes: Sequence[str], is_quiet: bool) -> None:

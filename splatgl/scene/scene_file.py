@@ -457,20 +457,23 @@ class SceneFile:
             lines += [f"{key} = {text}" for key, text in rows.items()]
         return lines
 
-    def require_one_volume(self) -> None:
-        """Raises InputError for layers, meshes, surfaces and vectors, which only some commands draw."""
+    def require_one_volume(self, this: str = "none", fix: str = "splatgl render draws them") -> None:
+        """Raises InputError for layers, meshes, surfaces and vectors, which only some commands draw. this, fix: what is
+        expected, and what to do.
+        """
         others = {
             "layers": len(self.layers) or None,
-            "meshes": len(self.meshes) or None,
+            "meshes": len(self.meshes) + is_mesh(self.volume) or None,
             "surfaces": None if self.surfaces is None else f"{self.surfaces:g}",
-            "vectors": "streamlines or arrows" if self.vectors.has_lines else None,
+            "streamlines or arrows": "some" if self.vectors.has_lines else None,
             "scissors": len(self.scissors) or None,
             "uncut": self.uncut or None,
-            "slices": ", ".join((*self.slices, *self.slice_planes)) or None,
+            "slices": ", ".join(self.slices) or None,
+            "slice_planes": ", ".join(self.slice_planes) or None,
         }
         for name, value in others.items():
             if value is not None:
-                raise expected(name, "none", value, "splatgl render draws them")
+                raise expected(name, this, value, fix)
 
     @property
     def files(self) -> tuple[str, ...]:

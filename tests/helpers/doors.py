@@ -353,8 +353,8 @@ NOT_BY_WORKERS = {
     "visible": f"(meshes|visible): {BY_WORKERS}",
     "mesh": f"meshes: {BY_WORKERS}",
     "a volume of mesh": f"(meshes|layers): {BY_WORKERS}",
-    "vectors.streamlines": f"meshes: {BY_WORKERS}",
-    "vectors.arrows": f"meshes: {BY_WORKERS}",
+    "vectors.streamlines": f"streamlines or arrows: {BY_WORKERS}",
+    "vectors.arrows": f"streamlines or arrows: {BY_WORKERS}",
     "settings.ambient_occlusion": f"--ambient-occlusion: {BY_WORKERS}",
     "settings.shadows": f"--shadows: {BY_WORKERS}",
 }
