@@ -67,10 +67,10 @@ def annotated(
 
 
 def on_ground(image: Image, ground: Color | None) -> Image:
-    """An annotated image over its background, if it was drawn without it for the edges behind the box."""
+    """An annotated image, no sums, over its background, if it was drawn without it for the edges behind the box."""
     names = image.info["annotated"]
     is_over_lines = isinstance(names, list) and any(row.lines for row in _rows(names))
-    if ground is None or image.info.get("background") is not None or not is_over_lines:
+    if ground is None or image.is_sum or image.info.get("background") is not None or not is_over_lines:
         return image
     pixels = image.pixels + (1 - image.pixels[..., 3:]) * np.array([*ground, 1.0], np.float32)
     figure = None if image.figure is None else replace(image.figure, ground=ground)

@@ -15,7 +15,8 @@ from uuid import uuid4
 
 import numpy as np
 
-from splatgl.annotations.annotate import check_time
+from splatgl.annotations.annotate import annotated, check_time, omission_notes, on_ground
+from splatgl.annotations.canvas import AnnotationView
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, format_bytes, parse_bytes
@@ -23,7 +24,7 @@ from splatgl.opengl import OpenGL
 from splatgl.options import Group, Kind, check_options, declared, no_effect, option
 from splatgl.scene.open_scene import PATIENCE, OpenScene, channel_layers, provenance_of
 from splatgl.scene.slice_sheet import draw_slices
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -220,9 +221,7 @@ def draw(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
         return scene.finished(draw_subject(scene.subject, scene.camera, scene.settings, how))
     check_time(scene.names)
     if scene.file.slices:
-        image = draw_slices(scene)
-        print_lines(image.notes, scene.is_quiet)
-        return image
+        return finish(*draw_slices(scene), scene)
     level, info, drawn = scene, dict[str, object](), None
     # a step of a series may be empty
     is_step = scene.file.look is not None
@@ -247,7 +246,7 @@ def draw(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
         if not is_step:
             raise level.nothing_visible()
         image = image.with_notes([f"the picture is empty: {level.nothing_visible()}"])
-    return finish(replace(image, info={**image.info, **info}), scene)
+    return finish(replace(image, info={**image.info, **info}), None, scene)
 
 
 def draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> Image:
@@ -277,17 +276,24 @@ def draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> Im
         image = draw_parts(client, job, None, progress, how.check)
     if not _shows(image):
         raise scene.nothing_visible()
-    return finish(image, scene)
+    return finish(image, None, scene)
 
 
-def finish(image: Image, scene: OpenScene) -> Image:
-    """Adds the provenance and the annotations of its scene to a picture; prints the notes on it."""
+def finish(image: Image, view: AnnotationView | None, scene: OpenScene) -> Image:
+    """Adds the provenance and the annotations of its scene to a picture; prints the notes on it, and why annotations
+    are left out. view: that annotations show, None: the scene's.
+    """
     told = scene.scene.notes if not scene.is_single else ()
     print_lines([note for note in image.notes if note not in told], scene.is_quiet)
     about = provenance_of(scene.file, scene.transfer, scene.transfer.length(scene.volume))
-    image = replace(image, info={**image.info, **about, **scene.file.view.paper})
-    image = image.with_notes(scene.volume.notes)
-    return annotate(image, scene) if scene.file.annotate else image
+    image = replace(image, info={**image.info, **about, **scene.file.view.paper}).with_notes(scene.volume.notes)
+    if not scene.file.annotate:
+        return image
+    view = view or AnnotationView(scene.annotated_subject, scene.legend[1], scene.camera)
+    color = scene.file.settings.ground
+    image = on_ground(annotated(image, view.subject, view.transfer, view.camera, scene.names, color), color)
+    print_lines(omission_notes(image), scene.is_quiet)
+    return image
 
 
 def _choose_level(scene: OpenScene, how: DrawOptions) -> tuple[OpenScene, dict[str, object]]:
@@ -365,18 +371,6 @@ def print_lines(notes: Sequence[str], is_quiet: bool) -> None:
     """Prints notes on standard error, unless it is to be quiet."""
     for note in () if is_quiet else notes:
         print(f"splatgl: {note}", file=sys.stderr)
-
-
-def annotate(image: Image, scene: OpenScene) -> Image:
-    """Draws the annotations of its scene over a picture, on the background; prints why some are left out."""
-    from splatgl.annotations.annotate import annotated, omission_notes, on_ground
-
-    color = scene.file.settings.ground
-    look = scene.legend[1]
-    image = annotated(image, scene.annotated_subject, look, scene.camera, scene.names, color)
-    image = on_ground(image, None if BLENDS[scene.settings.blend].unbounded else color)
-    print_lines(omission_notes(image), scene.is_quiet)
-    return image
 
 
 def depths_of(scene: OpenScene | SubjectView, at: float | str | None) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,14 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.annotations.annotate import annotated, omission_notes
 from splatgl.annotations.axes import letters
-from splatgl.annotations.canvas import Canvas, Scale, Subject
+from splatgl.annotations.canvas import AnnotationView, Canvas, Scale, Subject
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.options import names_of, no_effect, non_default
-from splatgl.scene.open_scene import provenance_of
 from splatgl.scene.view import ViewOptions
 
 if TYPE_CHECKING:
@@ -71,9 +68,9 @@ class Sheet:
         return margin + place * self.room + np.array([0, self.top])
 
 
-def draw_slices(scene: OpenScene) -> Image:
-    """The picture of a scene's slices, with provenance and annotations; needs no OpenGL. Raises InputError for planes
-    beside the volume, and for annotations of a view in space.
+def draw_slices(scene: OpenScene) -> tuple[Image, AnnotationView | None]:
+    """The picture of a scene's slices, and the view of its annotations, if there are any; needs no OpenGL. Raises
+    InputError for planes beside the volume, and for annotations of a view in space.
     """
     from splatgl.geometry.slices import parse_slices
 
@@ -110,12 +107,8 @@ def draw_slices(scene: OpenScene) -> Image:
         "slices": [cell.provenance for cell in cells],
         "background": None if background is None else list(background),
         "seconds": round(time.perf_counter() - started, 6),
-        **file.view.paper,
     }
-    image = Image(pixels, {**info, **provenance_of(file, scene.transfer, scene.transfer.length(volume))}).with_notes(
-        _unused_notes(file)
-    )
-    return _annotated(image, scene, cells)
+    return Image(pixels, info).with_notes(_unused_notes(file)), _annotation_view(scene, cells) if names else None
 
 
 def _unused_notes(file: SceneFile) -> list[str]:
@@ -191,13 +184,11 @@ def _write(canvas: Canvas, plane: SlicePlane, box: Sequence[int], volume: Volume
             canvas.text(text, at[0], at[1])
 
 
-def _annotated(image: Image, scene: OpenScene, cells: Sequence[Cell]) -> Image:
-    """The picture under the annotations of its scene."""
-    if not scene.file.annotate:
-        return image
+def _annotation_view(scene: OpenScene, cells: Sequence[Cell]) -> AnnotationView:
+    """The view of slices side by side that annotations show."""
     from splatgl.geometry.camera import Camera
 
-    size, names, plane = scene.file.view.size, scene.file.annotate, cells[0].plane
+    size, plane = scene.file.view.size, cells[0].plane
     center, high = scene.volume.center, cells[0].pitch * size[1]
     camera = Camera.orthographic(center - 2 * high * plane.normal, center, -plane.down, high, size)
     subject, transfer = Subject.of(scene.volume), scene.scene.painter("slice").layers[0].transfer
@@ -205,9 +196,6 @@ def _annotated(image: Image, scene: OpenScene, cells: Sequence[Cell]) -> Image:
         low, high = transfer.color_range
         scale = Scale(transfer.colormap, float(low), float(high), subject.value_name)
         subject = replace(subject, scales=(scale,) if low < high else (), empty=low < high)
-    if "scale" in names and len({subject.lengths(cell.plane.right) for cell in cells}) > 1:
+    if "scale" in scene.file.annotate and len({subject.lengths(cell.plane.right) for cell in cells}) > 1:
         raise expected("annotate", "no scale beside slices along axes of several units", "scale")
-    image = annotated(image, subject, transfer, camera, names, scene.file.settings.ground)
-    for note in () if scene.is_quiet else omission_notes(image):
-        print(f"splatgl: {note}", file=sys.stderr)
-    return image
+    return AnnotationView(subject, transfer, camera)

@@ -195,7 +195,7 @@ def render_scene(scene: SceneFile, document: Document, draw: Draw) -> Image:
     camera = scene.view.camera(document.volume, subject)
     image = draw(subject, camera, without_background(settings, scene.annotate))
     # the first volume may be the part that planes leave whole
-    return finish(image, OpenScene(replace(scene, layers=(), uncut=""), document.volume, transfer))
+    return finish(image, None, OpenScene(replace(scene, layers=(), uncut=""), document.volume, transfer))
 
 
 def plain(image: Image) -> Image:

@@ -26,7 +26,6 @@ from splatgl.scene.meshes import VECTORS, MeshFile
 from splatgl.scene.open_scene import OpenScene, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.shared_renderer import shared_renderer
-from splatgl.splat.settings import BLENDS
 from splatgl.viewer.adaptive_quality import FULL
 from splatgl.viewer.commands import Copy
 from splatgl.viewer.document import Document
@@ -321,7 +320,7 @@ def steadily_annotated(draft: Draft) -> Drawn:
     bare = replace(opened.file, annotate=(), settings=without_background(opened.file.settings, names))
     image = draw(replace(opened, file=bare), DrawOptions(is_shared=True, check=0))
     image = sg.annotated(image, opened.annotated_subject, opened.transfer, opened.camera, names, background, True)
-    image = on_ground(image, None if BLENDS[bare.settings.blend].unbounded else background)
+    image = on_ground(image, background)
     return Drawn(image.pixels, image.info)
 
 
