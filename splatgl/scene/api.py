@@ -91,13 +91,15 @@ def render(
     ```
     """
     given, slots = ungrouped(options, transfer, camera, settings)
-    return picture(*scene_of(x, *slots, given))
+    scene, memory = scene_of(x, *slots, given)
+    return picture(scene, memory)
 
 
 def picture(scene: SceneFile | SubjectView, memory: int | None = None) -> Image:
     """Draws a scene from `scene_of` with the shared renderer."""
     with within(memory):
-        return draw(opened(scene), DrawOptions(is_shared=True, memory=memory))
+        shown = opened(scene)
+        return draw(shown, DrawOptions(is_shared=True, memory=memory))
 
 
 def opened(scene: SceneFile | SubjectView) -> OpenScene | SubjectView:

@@ -221,7 +221,8 @@ def draw(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
         return scene.finished(draw_subject(scene.subject, scene.camera, scene.settings, how))
     check_time(scene.names)
     if scene.file.slices:
-        return finish(*draw_slices(scene), scene)
+        image, view = draw_slices(scene)
+        return finish(image, view, scene)
     level, info, drawn = scene, dict[str, object](), None
     # a step of a series may be empty
     is_step = scene.file.look is not None
@@ -337,7 +338,8 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
 def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, how: DrawOptions) -> Image:
     """Draws splats or layers, and compares the picture with float64; prints the output of --explain and --savings."""
     with how.renderer() as renderer:
-        return _told(renderer.render(subject, camera, settings), renderer, how)
+        image = renderer.render(subject, camera, settings)
+        return _told(image, renderer, how)
 
 
 def _told(image: Image, renderer: Renderer, how: DrawOptions) -> Image:
