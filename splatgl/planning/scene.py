@@ -454,22 +454,19 @@ def plan_scene(
     flows; and with meshes, blends other than composite.
     """
     layers, meshes = subject.drawn(settings), subject.surfaces(settings)
-    is_moving = motion is not None
-    if len(layers) == 1 and not meshes:
-        alone = plan(layers[0][0], camera, layers[0][1], motion, tiles)
-        return ScenePlan((alone,), settings, is_moving=is_moving)
+    is_single, is_ordered = len(layers) == 1 and not meshes, BLENDS[settings.blend].ordered
     changes: dict[str, Any] = {}
-    if motion is not None and not motion.still:
+    if motion is not None and not (is_single or motion.still):
         check_blur_supported("of layers", settings, motion.flow is not None)
         changes = {"motion": "off", "moments": count_layer_moments(layers, camera, settings, motion)}
-    is_ordered = BLENDS[settings.blend].ordered
-    if not is_ordered:
+    if not (is_single or is_ordered):
         if meshes:
             raise expected("meshes", "blend composite", settings.blend)
         changes["background"] = None
     layers = common_samples(layers, camera, settings)
-    plans = tuple(plan(splats, camera, replace(look, **changes), motion, tiles) for splats, look in layers)
-    if is_ordered:
+    looks = [(splats, replace(look, **changes) if changes else look) for splats, look in layers]
+    plans = tuple(plan(splats, camera, look, motion, tiles) for splats, look in looks)
+    if is_ordered and not is_single:
         for layer in plans:
             check_layer(layer.resolved, layer.splats.name)
         # nothing behind the eye of a parallel view casts shadows, as of a single volume
@@ -477,7 +474,7 @@ def plan_scene(
         allowed = min(layer.resolved.allowed for layer in plans)
         lit = with_shared_casters([replace(layer.resolved, allowed=allowed) for layer in plans], pairs)
         plans = tuple(replace(layer, resolved=resolved) for layer, resolved in zip(plans, lit, strict=True))
-    return ScenePlan(plans, settings, meshes, subject.notes, is_moving)
+    return ScenePlan(plans, settings, meshes, () if is_single else subject.notes, motion is not None)
 
 
 def count_layer_moments(

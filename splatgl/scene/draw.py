@@ -285,15 +285,15 @@ def finish(image: Image, view: AnnotationView | None, scene: OpenScene) -> Image
     are left out. view: that annotations show, None: the scene's.
     """
     told = scene.scene.notes if not scene.is_single else ()
-    print_lines([note for note in image.notes if note not in told], scene.is_quiet)
+    notes = [note for note in image.notes if note not in told]
     about = provenance_of(scene.file, scene.transfer, scene.transfer.length(scene.volume))
     image = replace(image, info={**image.info, **about, **scene.file.view.paper}).with_notes(scene.volume.notes)
-    if not scene.file.annotate:
-        return image
-    view = view or AnnotationView(scene.annotated_subject, scene.legend[1], scene.camera)
-    color = scene.file.settings.ground
-    image = on_ground(annotated(image, view.subject, view.transfer, view.camera, scene.names, color), color)
-    print_lines(omission_notes(image), scene.is_quiet)
+    if scene.file.annotate:
+        view = view or AnnotationView(scene.annotated_subject, scene.legend[1], scene.camera)
+        color = scene.file.settings.ground
+        image = on_ground(annotated(image, view.subject, view.transfer, view.camera, scene.names, color), color)
+        notes += omission_notes(image)
+    print_lines(notes, scene.is_quiet)
     return image
 
 
