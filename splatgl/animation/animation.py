@@ -419,14 +419,9 @@ class FrameJob:
         over, ground, content = self.annotations, self.settings.ground, subject.content
         settings = without_background(self.settings, over.names if over else ())
         motion = view.motion if subject.flow is None else view.motion and replace(view.motion, flow=subject.flow)
-        if explain and isinstance(content, Bricks):
-            from splatgl.gl.large_volumes import plan_moving_bricks
-
-            print(plan_moving_bricks(renderer, content, view.camera, settings, motion).explain())
-        elif explain and not isinstance(content, Bricks):
-            clipped = replace(settings, clip=subject.clip)
-            print(renderer.plans(content, view.camera, clipped, motion).explain())
         image = self._render(renderer, subject, view.camera, settings, motion)
+        if explain:
+            print(image.plan.explain())
         # those on its layers are printed where they are read; the parts of a picture in bricks do not know what moves
         is_whole, told = not isinstance(content, Bricks), getattr(content, "notes", ())
         notes = [note for note in image.notes if is_whole and note not in told]

@@ -22,8 +22,9 @@ from splatgl.geometry.camera import Camera
 from splatgl.geometry.grid import Grid
 from splatgl.gl.renderer import Renderer
 from splatgl.planning.bricks import EACH, Bricks, excess_bricks, spread_places
-from splatgl.planning.plan import Blurred, Plan
+from splatgl.planning.plan import Blurred
 from splatgl.planning.resolve import check_blur_supported, extract_for_settings
+from splatgl.planning.scene import ScenePlan
 from splatgl.readers import load
 from splatgl.splat.motion import Moments, Motion
 from splatgl.splat.settings import BLENDS, Settings
@@ -322,29 +323,23 @@ def render_moving_bricks(
     renderer: Renderer, bricks: Bricks, camera: Camera, settings: Settings, motion: Motion | None, bands: int = 1
 ) -> Image:
     """Draws a volume in bricks while the camera or the volume moves: the mean of moments, as `Renderer.render` draws
-    moving splats; without motion a sharp picture. Raises InputError for streaks and for a flow.
+    moving splats, and planned in the middle of the exposure; without motion a sharp picture. Raises InputError for
+    streaks and for a flow.
     """
-    chosen = plan_moving_bricks(renderer, bricks, camera, settings, motion)
 
     def draw(_: Splats, view: Camera, requested: Settings) -> Image:
         return renderer.render_bricks(bricks, view, requested, bands=bands)
 
-    if motion is None or not chosen.moments:
-        return draw(bricks.probes, camera, chosen.settings)
-    mean = Moments(draw, motion, settings.shutter, chosen.moments)(bricks.probes, camera, chosen.settings)
-    return Image(mean.pixels.astype(np.float32), {**mean.info, "motion": "moments"})
-
-
-def plan_moving_bricks(
-    renderer: Renderer, bricks: Bricks, camera: Camera, settings: Settings, motion: Motion | None
-) -> Plan:
-    """The plan of the picture that `render_moving_bricks` draws, in the middle of the exposure; `settings` are those of
-    its sharp moments. Raises InputError for streaks and for a flow.
-    """
     if motion is None:
-        return renderer.plan_bricks(bricks, camera, settings)
+        return draw(bricks.probes, camera, settings)
     check_blur_supported("in bricks", settings, motion.flow is not None)
-    notes = list[str]()
+    notes, sharp = list[str](), replace(settings, motion="off", moments=None)
     blurred = Blurred.of(bricks.probes, camera, settings, motion, notes)
-    chosen = renderer.plan_bricks(bricks, blurred.camera, replace(settings, motion="off", moments=None))
-    return replace(chosen, moments=blurred.moments, notes=(*notes, *chosen.notes))
+    if blurred.moments:
+        mean = Moments(draw, motion, settings.shutter, blurred.moments)(bricks.probes, camera, sharp)
+        image = Image(mean.pixels.astype(np.float32), {**mean.info, "motion": "moments"})
+    else:
+        image = draw(bricks.probes, camera, sharp)
+    chosen = renderer.plan_bricks(bricks, blurred.camera, sharp)
+    chosen = replace(chosen, moments=blurred.moments, notes=(*notes, *chosen.notes))
+    return replace(image, plan=ScenePlan((chosen,), sharp))
