@@ -431,8 +431,7 @@ class FrameJob:
         image = Image(image.pixels, {**image.info, **provenance_of(scene, subject.transfer, subject.transfer.unit)})
         if over is not None:
             names = over.at(scene.load.get("time", view.volume))
-            image = annotated(image, over.subject, over.transfer, view.camera, names, ground, steady=True)
-            image = on_ground(image, ground)
+            image = on_ground(annotated(image, over.subject, over.transfer, view.camera, names, ground, True), ground)
         ground = ground if BLENDS[self.settings.blend].unbounded else None
         return frames.encoded(view.frame, image, self.bits, ground), notes
 

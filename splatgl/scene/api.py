@@ -31,7 +31,6 @@ from splatgl.transfer.transfer_files import SUFFIXES
 if TYPE_CHECKING:
     from splatgl.geometry.camera import Camera
     from splatgl.keywords import RenderKeywords
-    from splatgl.splat.splats import Splats
 
 
 # options of a scene that are keywords; the last ones are those of settings as a whole
@@ -95,7 +94,7 @@ def render(
     return picture(scene, memory)
 
 
-def picture(scene: SceneFile | SubjectView, memory: int | None = None) -> Image:
+def picture(scene: SceneFile | SubjectView, memory: int | None) -> Image:
     """Draws a scene from `scene_of` with the shared renderer."""
     with within(memory):
         shown = opened(scene)
@@ -152,7 +151,10 @@ def scene_of(
         scene = replace(scene, view=_fixed(camera, viewing))
     scene = scene.with_transfer(transfer).with_options(**rest)
     if are_splats:
-        return _splats_view(x, scene), None
+        if not len(x):
+            raise expected("splats", "at least one", "none")
+        info = {"version": __version__, "source": x.name, **scene.view.paper}
+        return SubjectView(x, scene.view.camera(x, x), with_background(scene.settings, x.shaded), info), None
     return scene if "blend" in rest else scene.with_preset_blend(), memory
 
 
@@ -220,15 +222,6 @@ def _layers_view(x: Any, camera: Camera | None, settings: Settings | None, optio
     view = camera or Camera.of(x, viewing.get("size"))
     typed = {*(settings or Settings()).given, *options}
     return SubjectView(scene, view, base, notes=tuple(list_differences(x)), typed=typed)
-
-
-def _splats_view(splats: Splats, file: SceneFile) -> SubjectView:
-    """The view of splats without a volume. file: their view and settings."""
-    if not len(splats):
-        raise expected("splats", "at least one", "none")
-    info = {"version": __version__, "source": splats.name, **file.view.paper}
-    camera = file.view.camera(splats, splats)
-    return SubjectView(splats, camera, with_background(file.settings, splats.shaded), info)
 
 
 @public

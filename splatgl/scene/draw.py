@@ -223,7 +223,7 @@ def draw(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
     if scene.file.slices:
         image, view = draw_slices(scene)
         return finish(image, view, scene)
-    level, info, drawn = scene, dict[str, object](), None
+    level, info, image = scene, dict[str, object](), None
     # a step of a series may be empty
     is_step = scene.file.look is not None
     if scene.is_single:
@@ -231,13 +231,11 @@ def draw(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
             scene.check_masks()
         if scene.volume.coarser:
             level, info = _choose_level(scene, how)
-        drawn = _draw_in_bricks(level, how)
+        image = _draw_in_bricks(level, how)
     else:
         how.check_supported("layers", "a picture of one volume", "layers" if scene.file.layers else "meshes")
         scene.check_fits()
-    if drawn is not None:
-        image = drawn
-    else:
+    if image is None:
         with how.open_early() as opening:
             image = draw_subject(level.subject, level.camera, level.settings, opening)
         if how.memory is not None and scene.is_single and (scene.file.threshold or level.splats.post is None):
