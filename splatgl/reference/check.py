@@ -69,8 +69,8 @@ def check(
 
     amount: number of pixels to draw (default PIXELS; 0: none), all if the picture has no more, or seconds, a float.
     field: also compares some of the pixels that show matter with the exact integral of the field, whose values are
-    reconstructed and classified at every point of a ray: `info["checked"]["field"]`. Raises InputError as `plan_scene`,
-    for a field of no pixels, and for that of voxels classified before reconstruction.
+    reconstructed and classified at every point of a ray: `info["checked"]["field"]`. Raises InputError as `plan_scene`
+    and `check_input`.
     """
     return _check(image, splats, plan_scene(splats, camera, settings or Settings()), camera, amount, field)
 
@@ -79,10 +79,7 @@ def _check(
     image: Image, subject: Scene | Splats, plan: ScenePlan, camera: Camera, amount: int | float | None, field: bool
 ) -> Image:
     """`check` of a picture of a subject by its plan."""
-    if amount is not None and not amount >= field:
-        raise expected("--check", "pixels or seconds" + " of at least 1, with --field" * field, amount)
-    if field:
-        _check_field(subject, plan)
+    check_input(subject, plan, amount, field)
     if amount == 0:
         return image
     settings, scene = plan.settings, plan.resolved(camera)
@@ -102,8 +99,14 @@ def _check(
     return image
 
 
-def _check_field(subject: Scene | Splats, plan: ScenePlan) -> None:
-    """Raises InputError for a picture that is not of one field of values."""
+def check_input(subject: Scene | Splats, plan: ScenePlan, amount: int | float | None, field: bool) -> None:
+    """Raises InputError for what `check` cannot compare with a picture of this plan: a field of no pixels, and that of
+    voxels classified before reconstruction.
+    """
+    if amount is not None and not amount >= field:
+        raise expected("--check", "pixels or seconds" + " of at least 1, with --field" * field, amount)
+    if not field:
+        return
     if not plan.is_single:
         raise expected("--field", "a picture of one volume", "layers or meshes")
     ((splats, settings),) = subject.drawn(plan.settings)
