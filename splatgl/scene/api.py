@@ -55,8 +55,8 @@ def depth_map(
     "max" or "min": the depth of the largest or least value; None: ½, or the value that mip and minip show. Needs no
     OpenGL. Raises InputError like `render`, and for splats and volumes that are read in parts.
     """
-    given, slots = ungrouped(options, transfer, camera, settings)
-    return depths_of(opened(scene_of(x, *slots, given)[0]), at)
+    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
+    return depths_of(opened(scene_of(x, look, view, base, given)[0]), at)
 
 
 @with_groups()
@@ -89,8 +89,8 @@ def render(
     image.save("head.png")
     ```
     """
-    given, slots = ungrouped(options, transfer, camera, settings)
-    scene, memory = scene_of(x, *slots, given)
+    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
+    scene, memory = scene_of(x, look, view, base, given)
     return picture(scene, memory)
 
 
@@ -233,5 +233,5 @@ def camera_of(
     **options: Any,
 ) -> Camera:
     """Returns the camera of `render` with the same arguments; draws nothing."""
-    given, slots = ungrouped(options, transfer, camera, settings)
-    return opened(scene_of(x, *slots, given)[0]).camera
+    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
+    return opened(scene_of(x, look, view, base, given)[0]).camera

@@ -221,9 +221,10 @@ def draw(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
         return scene.finished(draw_subject(scene.subject, scene.camera, scene.settings, how))
     check_time(scene.names)
     if scene.file.slices:
-        image, view = draw_slices(scene)
-        return finish(image, view, scene)
-    level, info, image = scene, dict[str, object](), None
+        sheet, view = draw_slices(scene)
+        return finish(sheet, view, scene)
+    image: Image | None = None
+    level, info = scene, dict[str, object]()
     # a step of a series may be empty
     is_step = scene.file.look is not None
     if scene.is_single:

@@ -54,8 +54,8 @@ def show(
     """
     if isinstance(x, Image):
         return x
-    given, slots = ungrouped(options, transfer, camera, settings)
-    scene, memory = scene_of(x, *slots, given)
+    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
+    scene, memory = scene_of(x, look, view, base, given)
     if isinstance(scene, SceneFile):
         if in_notebook() and find_spec("jupyter_rfb"):
             from splatgl.viewer.notebook import Session, View
@@ -65,7 +65,7 @@ def show(
             print('for a view that the mouse turns: pip install "splatgl[notebook]"')
         elif has_display():
             with within(memory):
-                _window(scene, "size" in given or slots[1] is not None)
+                _window(scene, "size" in given or view is not None)
             return None
     image = picture(scene, memory)
     if not in_notebook():
