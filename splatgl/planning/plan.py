@@ -15,7 +15,7 @@ from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.view import GridView
 from splatgl.planning.culling import Window, clip_behind_eye, eye_is_near, screen_bounds
-from splatgl.planning.resolve import Appearance, Resolved, blur_form, classification_notes, select_splats
+from splatgl.planning.resolve import Appearance, Resolved, blur_form, select_splats, select_with_notes
 from splatgl.planning.technique import (
     MOST_DOUBLINGS,
     SHARE,
@@ -146,7 +146,8 @@ class Plan:
 
     z_s: depth where `hybrid` switches, world units. window: the pixels, or samples, that splats reach. splats: those
     that are drawn. settings: as they were given. exposure: that of streaks. moments: pictures that it is the mean of,
-    planned for the middle of the exposure; 0: none.
+    planned for the middle of the exposure; 0: none. why_before: why voxels are classified before reconstruction, None:
+    values are after it.
     """
 
     program: Program
@@ -162,6 +163,7 @@ class Plan:
     settings: Settings
     exposure: Exposure | None = None
     moments: int = 0
+    why_before: str | None = None
 
     @property
     def kernel(self) -> Kernel:
@@ -272,8 +274,7 @@ def plan(
     given, notes = settings or Settings(), list[str]()
     blurred = Blurred.of(splats, camera, given, motion, notes)
     settings, camera, exposure = blurred.settings, blurred.camera, blurred.exposure
-    selected = select_splats(splats, settings, exposure is not None, camera)
-    notes += classification_notes(splats.source, selected, settings, exposure is not None)
+    selected, why = select_with_notes(splats, settings, exposure is not None, camera, notes)
     splats = selected if exposure else clip_behind_eye(selected, camera)
     resolved = Resolved.of(splats, camera, settings, moving=exposure is not None)
     notes += resolved.notes
@@ -318,6 +319,7 @@ def plan(
         given,
         exposure,
         blurred.moments,
+        why,
     )
 
 

@@ -547,28 +547,22 @@ def reach_outside(splats: Splats, settings: Settings, camera: Camera | None) -> 
     return 2 ** math.ceil(math.log2(wider)) if wider <= MOST_WIDER else 0
 
 
-def why_classified_before(source: Source | None, selected: Splats, settings: Settings, moving: bool) -> str | None:
-    """The reason why selected splats are classified before reconstruction; None if they are values.
-
-    source: of the splats that they were selected from.
+def select_with_notes(
+    splats: Splats, settings: Settings, moving: bool, camera: Camera, notes: list[str]
+) -> tuple[Splats, str | None]:
+    """The splats of `select_splats`, and the reason why they are classified before reconstruction, None if they are
+    values. Adds notes on why `auto` classifies voxels instead of reconstructed values, or leaves some out, if it does.
     """
+    selected = select_splats(splats, settings, moving, camera)
+    if selected.hollow:
+        notes.append(f"inner voxels left out: less than {LIGHT:.1g} of their light leaves the matter around them")
     if selected.post is not None:
-        return None
-    if source is None or settings.classification != "auto":
-        return "classification pre"
-    return source.only_pre or why_per_splat(settings, moving) or f"more than {MOST_KEPT:,} values"
-
-
-def classification_notes(source: Source | None, selected: Splats, settings: Settings, moving: bool) -> list[str]:
-    """Notes on why `auto` classifies voxels instead of reconstructed values, or leaves some out, if it does."""
-    inner = f"inner voxels left out: less than {LIGHT:.1g} of their light leaves the matter around them"
-    notes = [inner] if selected.hollow else []
-    if source is None or settings.classification != "auto":
-        return notes
-    why = why_classified_before(source, selected, settings, moving)
-    return (
-        [*notes, f"classification after reconstruction left out: {why}; the picture would be another"] if why else notes
-    )
+        return selected, None
+    if splats.source is None or settings.classification != "auto":
+        return selected, "classification pre"
+    why = splats.source.only_pre or why_per_splat(settings, moving) or f"more than {MOST_KEPT:,} values"
+    notes.append(f"classification after reconstruction left out: {why}; the picture would be another")
+    return selected, why
 
 
 def check_blur_supported(what: str, settings: Settings, flow: bool) -> None:

@@ -28,7 +28,6 @@ from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.planning.bricks import Bricks
-from splatgl.planning.resolve import why_classified_before
 from splatgl.planning.scene import Scene, ScenePlan, plan_scene
 from splatgl.reference.field import kept_field_integral
 from splatgl.reference.renderer import reachable, reachable_of, render_pixels, render_pixels_of
@@ -72,14 +71,12 @@ def check(
     reconstructed and classified at every point of a ray: `info["checked"]["field"]`. Raises InputError as `plan_scene`
     and `check_input`.
     """
-    return _check(image, splats, plan_scene(splats, camera, settings or Settings()), camera, amount, field)
+    return _check(image, plan_scene(splats, camera, settings or Settings()), camera, amount, field)
 
 
-def _check(
-    image: Image, subject: Scene | Splats, plan: ScenePlan, camera: Camera, amount: int | float | None, field: bool
-) -> Image:
-    """`check` of a picture of a subject by its plan."""
-    check_input(subject, plan, amount, field)
+def _check(image: Image, plan: ScenePlan, camera: Camera, amount: int | float | None, field: bool) -> Image:
+    """`check` of a picture by its plan."""
+    check_input(plan, amount, field)
     if amount == 0:
         return image
     settings, scene = plan.settings, plan.resolved(camera)
@@ -99,20 +96,17 @@ def _check(
     return image
 
 
-def check_input(subject: Scene | Splats, plan: ScenePlan, amount: int | float | None, field: bool) -> None:
+def check_input(plan: ScenePlan, amount: int | float | None, field: bool) -> None:
     """Raises InputError for what `check` cannot compare with a picture of this plan: a field of no pixels, and that of
     voxels classified before reconstruction.
     """
     if amount is not None and not amount >= field:
         raise expected("--check", "pixels or seconds" + " of at least 1, with --field" * field, amount)
-    if not field:
-        return
-    if not plan.is_single:
+    if field and not plan.is_single:
         raise expected("--field", "a picture of one volume", "layers or meshes")
-    ((splats, settings),) = subject.drawn(plan.settings)
-    why = why_classified_before(splats.source, plan.first.splats, settings, moving=False)
-    if why:
-        raise expected("--field", "values classified after reconstruction", f"voxels classified before ({why})")
+    if field and plan.first.why_before:
+        got = f"voxels classified before ({plan.first.why_before})"
+        raise expected("--field", "values classified after reconstruction", got)
 
 
 def compare(image: Image, amount: int | float | None = None, field: bool = False) -> Image:
@@ -123,7 +117,7 @@ def compare(image: Image, amount: int | float | None = None, field: bool = False
     plain = replace(image, pixels=pixels)
     if isinstance(subject, Bricks):
         return replace(image, info=check_bricks(plain, subject, camera, settings, amount).info)
-    return replace(image, info=_check(plain, subject, image.plan, camera, amount, field).info)
+    return replace(image, info=_check(plain, image.plan, camera, amount, field).info)
 
 
 def accuracy_of(image: Image) -> Accuracy:

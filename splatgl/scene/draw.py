@@ -341,7 +341,7 @@ def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, ho
     with how.renderer() as renderer:
         if how.check_field:
             # before work on a picture that cannot be compared
-            check_input(subject, renderer.plans(subject, camera, settings), how.check, how.check_field)
+            check_input(renderer.plans(subject, camera, settings), how.check, how.check_field)
         image = renderer.render(subject, camera, settings)
         return _told(image, renderer, how)
 
