@@ -45,8 +45,8 @@ def show(
 
     In a notebook it returns what the cell displays: a view that the mouse turns (extra `notebook`), or the Image.
     Elsewhere, where there is a display, it opens the window of `splatgl view`, and returns None once that is closed.
-    Without a display it returns the Image, and says how to save it. An Image is returned as it is, and Splats, which
-    have no samples to show in motion, as an Image. Raises InputError as `render`.
+    Without a display it returns the Image, and says how to save it. An Image is returned as it is, and Splats, Scenes
+    and plotters, which no window opens, as an Image. Raises InputError as `render`.
 
     ```python
     sg.show("head.nii.gz", blend="mip", size=200)
