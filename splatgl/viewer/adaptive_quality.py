@@ -15,10 +15,11 @@ from __future__ import annotations
 
 import ctypes
 import gc
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
+from splatgl.errors import USER_ERRORS
 from splatgl.planning.resolve import AVERAGED
 from splatgl.splat.settings import Settings
 
@@ -318,19 +319,24 @@ class Refiner:
         due = now.finest(0)
         return due if due < self.last or due == 0 else None
 
-    def done(self, wanted: Wanted, level: int, full: bool) -> None:
-        """Records a drawn frame; full: no refinement remains."""
-        self.first, self.full, self.last = self.full and not full, full, level
-        self.drawn, self.refused = wanted, ()
+    def step(self, wanted: Wanted, now: Moment, draw: Callable[[int], tuple[Wanted, bool]]) -> int | None:
+        """Draws the frame that is due, and returns its level; None if none is. draw: at a level; returns the inputs, as
+        finer voxels may be read, and whether no refinement remains. A frame with an error is not tried again.
+        """
+        level, was_full = self.level(wanted, now), self.full
+        if level is not None:
+            try:
+                self.drawn, self.full = draw(level)
+            except USER_ERRORS:
+                self.refused = wanted
+                raise
+            self.first, self.last, self.refused = was_full and not self.full, level, ()
+        return level
 
     def took(self, level: int, seconds: float, rest: float) -> None:
         """Records the seconds of a displayed frame: of its picture, and of all else."""
         if not (self.first and self.pace.met[level]):
             self.pace = self.pace.drawn(level, seconds, rest)
-
-    def refuse(self, wanted: Wanted) -> None:
-        """Marks a frame as impossible; it is not tried again."""
-        self.refused = wanted
 
     def renew(self, splats: Sequence[int], pixels: int) -> None:
         """Adapts to other splats or another window size."""

@@ -21,13 +21,14 @@ from splatgl.errors import expected
 from splatgl.geometry.camera import Bounded, Camera
 from splatgl.geometry.clipping import Plane
 from splatgl.geometry.slices import Slice, parse_slices
+from splatgl.planning.culling import eye_is_outside
 from splatgl.planning.scene import MOST_LAYERS, Layer, Scene
 from splatgl.scene.meshes import MeshFile, read_meshes, source_key, styled_mesh, surfaces_of
 from splatgl.scene.open_scene import OpenScene, on_background, open_layer, source_layers
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV, ViewOptions
 from splatgl.splat.extract import Progress
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.adaptive_quality import STRIDES
@@ -308,12 +309,18 @@ class Document:
         planes = tuple(slice_planes)
         return self if planes == self.slice_planes else replace(self, slice_planes=planes)
 
-    def subject_at(self, stride: int, settings: Settings) -> tuple[Splats | Scene, Settings]:
+    def subject_at(
+        self, stride: int, settings: Settings, eye: np.ndarray | None = None
+    ) -> tuple[Splats | Scene, Settings]:
         """The input of a renderer at a stride: the splats of a single volume, else layers and meshes, which the planes
-        of the settings clip.
+        of the settings clip. eye: from which splats inside a volume may be left out.
         """
         if not self.is_layered:
-            return self.layers[0].at(stride), settings
+            layer = self.layers[0]
+            if eye is not None and BLENDS[settings.blend].ordered and not settings.clip:
+                shell = layer.shell(stride)
+                return shell if eye_is_outside(shell, eye) else layer.at(stride), settings
+            return layer.at(stride), settings
         return self.scene_at(stride, settings.clip), settings.but(clip=())
 
     def scene_at(self, stride: int, clip: Sequence[Plane]) -> Scene:

@@ -15,7 +15,7 @@ from splatgl.data.color import Color
 from splatgl.geometry.camera import Camera
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen, ScreenStyle
-from splatgl.planning.culling import FAITHFUL, clip_behind_eye, eye_is_outside
+from splatgl.planning.culling import FAITHFUL, clip_behind_eye
 from splatgl.planning.plan import Blurred
 from splatgl.planning.resolve import Resolved, has_streaks, select_splats
 from splatgl.scene.draw import print_lines
@@ -28,7 +28,6 @@ from splatgl.viewer.commands import Command
 from splatgl.viewer.document import Document
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.key_bindings import help_rows
-from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.reference_view import Difference, Reference, resize_bilinear
 from splatgl.viewer.state import Pinned, State
 from splatgl.viewer.trackball import Pose
@@ -162,18 +161,20 @@ class FrameRenderer:
         first, layered = document.drawn_layers[0], document.is_layered
         whole = clip_behind_eye(select_splats(first.finest, requested, False, state.pose.camera), state.pose.camera)
         resolved = Resolved.of(whole, state.pose.camera, requested)
-        splats = first.at(level.stride) if layered else _visible_splats(state, first, level, resolved)
         # neither the reference nor layers are tinted
         tint = state.show_zk and state.compare == "off" and not layered
         z_k = resolved.z_k
-        if tint and not first.is_post_classified:
-            splats = tint_splats(splats, camera, z_k)
         # the light of reconstructed values is tinted in the picture, before the background
         settings = level.settings(requested.but(background=None) if tint and first.is_post_classified else requested)
+        # a full frame leaves out what nobody sees where that is as good
+        leaves_out = level != FULL or not (resolved.view.antialias or settings.tolerance <= FAITHFUL)
+        matter, drawn_with = document.subject_at(level.stride, settings, camera.eye if leaves_out else None)
+        splats = matter if isinstance(matter, Splats) else first.at(level.stride)
+        if tint and not first.is_post_classified:
+            matter = splats = tint_splats(splats, camera, z_k)
         motion = self._motion(state, camera, started - self.begun, layered) if gliding else None
         if motion is not None and Blurred.of(splats, camera, settings, motion, []).moments > MOMENTS:
-            settings = settings.but(moments=MOMENTS)
-        matter, drawn_with = document.subject_at(level.stride, settings) if layered else (splats, settings)
+            drawn_with = drawn_with.but(moments=MOMENTS)
         draw = partial(self.renderer.render, verify_bound=False, interrupted=interrupted)
         render = partial(draw, camera=camera, settings=drawn_with, motion=motion)
         image = render(matter)
@@ -325,16 +326,6 @@ class FrameRenderer:
             polygon = tuple((round(float(x)), round(float(y))) for x, y in section)
             paths = ((*polygon, polygon[0]),) if polygon else ()
         return Overlay(size, scale, tuple(texts), paths)
-
-
-def _visible_splats(state: State, layer: LayerSplats, level: Level, resolved: Resolved) -> Splats:
-    """The splats to draw: all, or only the visible ones where the result is equally good."""
-    shell = layer.shell(level.stride)
-    # clip planes expose the inside
-    fits = resolved.look.blend.ordered and not state.settings.clip and eye_is_outside(shell, state.pose.camera.eye)
-    if level == FULL:
-        fits = fits and not resolved.view.antialias and state.settings.tolerance > FAITHFUL
-    return shell if fits else layer.at(level.stride)
 
 
 def _scale(settings: Settings, pixels: np.ndarray) -> float:

@@ -25,14 +25,13 @@ from splatgl.errors import expected
 from splatgl.fileio import call_within
 from splatgl.geometry.camera import Camera
 from splatgl.options import declared, names_of, refuse_unknown
-from splatgl.planning.culling import eye_is_outside
 from splatgl.scene.groups import TRANSFER
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.transfer.presets import PRESETS
 from splatgl.transfer.statistics import statistics
-from splatgl.viewer.adaptive_quality import FULL, LADDER, REST, TARGET, Level, Moment, Refiner
+from splatgl.viewer.adaptive_quality import FULL, LADDER, REST, TARGET, Level, Moment, Refiner, Wanted
 from splatgl.viewer.document import Document
 from splatgl.viewer.tool import Place
 from splatgl.viewer.trackball import Mouse, zoom_by_wheel
@@ -59,10 +58,11 @@ class Session:
         self.ratio = 1.0
         self.touched = -np.inf
         self.refiner = Refiner(self.document.counts, prod(scene.view.size), TARGET)
-        # the latest picture, and what it is of
+        # the latest picture, what it is of, and the seconds that it took
         self.image = Image(np.zeros((1, 1, 4), np.float32))
         self.level = FULL
         self.drawn: tuple[object, ...] = ()
+        self.seconds = 0.0
 
     def change(self, scene: SceneFile) -> None:
         """Draws the same volumes by other options; the camera stays. Raises InputError for bad values."""
@@ -105,28 +105,21 @@ class Session:
 
     def frame(self) -> np.ndarray | None:
         """The due picture, uint8 [H, W, 3], sRGB on black or the background; None if none is due."""
-        now = Moment(self.now() - self.touched - (STILL - REST))
-        number = self.refiner.level(self._wanted(), now)
-        if number is None:
+        level = self.refiner.step(self._wanted(), self._moment, lambda level: self._draw(LADDER[level]))
+        if level is None:
             return None
-        if LADDER[number] == FULL:
-            self._take_finer()
-        wanted, started = self._wanted(), time.perf_counter()
-        self._draw(LADDER[number])
-        self.refiner.done(wanted, number, self.level == FULL)
-        self.refiner.took(number, time.perf_counter() - started, 0.0)
+        self.refiner.took(level, self.seconds, 0.0)
         return np.ascontiguousarray(self.image.samples8(BLACK)[..., :3])
 
     def picture(self) -> Image:
         """The picture of what is seen with all pixels, drawn unless it is the latest one."""
         if self.level != FULL or self.drawn != self._wanted():
-            self._take_finer()
             self._draw(FULL)
         return self.image
 
     def patience(self) -> float | None:
         """Seconds until the next frame is due without further events; None if none is."""
-        return self.refiner.patience(self._wanted(), Moment(self.now() - self.touched - (STILL - REST)))
+        return self.refiner.patience(self._wanted(), self._moment)
 
     def now(self) -> float:
         """Monotonic clock in seconds."""
@@ -135,22 +128,24 @@ class Session:
     def _wanted(self) -> tuple[object, ...]:
         return self.pose, self.document
 
-    def _draw(self, level: Level) -> None:
-        camera = self.pose.camera.resized(level.size(self.pose.camera.size))
-        settings = level.settings(self.document.scene.settings.but(classification="auto"))
-        subject, settings = self.document.subject_at(level.stride, settings)
-        if level != FULL and BLENDS[settings.blend].ordered and not self.document.is_layered:
-            shell = self.document.layers[0].shell(level.stride)
-            subject = shell if eye_is_outside(shell, camera.eye) else subject
-        with shared_renderer() as renderer:
-            self.image = renderer.render(subject, camera, settings, verify_bound=False)
-        self.level, self.drawn = level, self._wanted()
+    @property
+    def _moment(self) -> Moment:
+        return Moment(self.now() - self.touched - (STILL - REST))
 
-    def _take_finer(self) -> None:
-        """Reads the finer voxels that replace the stand-in of a large volume."""
-        while self.document.has_finer:
+    def _draw(self, level: Level) -> tuple[Wanted, bool]:
+        """Draws at a level, as `Refiner.step` asks."""
+        # finer voxels replace the stand-in of a large volume
+        while level == FULL and self.document.has_finer:
             self.document = self.document.refined()
             self.refiner.renew(self.document.counts, prod(self.pose.camera.size))
+        started = time.perf_counter()
+        camera = self.pose.camera.resized(level.size(self.pose.camera.size))
+        settings = level.settings(self.document.scene.settings.but(classification="auto"))
+        subject, settings = self.document.subject_at(level.stride, settings, None if level == FULL else camera.eye)
+        with shared_renderer() as renderer:
+            self.image = renderer.render(subject, camera, settings, verify_bound=False)
+        self.level, self.drawn, self.seconds = level, self._wanted(), time.perf_counter() - started
+        return self.drawn, level == FULL
 
     def _place(self, event: Mapping[str, Any]) -> Place:
         return float(event.get("x", 0.0)) * self.ratio, float(event.get("y", 0.0)) * self.ratio

@@ -19,7 +19,17 @@ from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Marks, Screen
 from splatgl.gl.target import Interrupted
 from splatgl.scene.meshes import is_mesh
-from splatgl.viewer.adaptive_quality import LADDER, REST, STEP, TARGET, IdleTrim, Moment, Refiner, return_large_blocks
+from splatgl.viewer.adaptive_quality import (
+    LADDER,
+    REST,
+    STEP,
+    TARGET,
+    IdleTrim,
+    Moment,
+    Refiner,
+    Wanted,
+    return_large_blocks,
+)
 from splatgl.viewer.commands import COMMANDS, Command, Effect, Open, OpenOption
 from splatgl.viewer.document import Document
 from splatgl.viewer.effects import COUNT, EXTRACTING, OPENING, PICTURE, Performer
@@ -176,7 +186,7 @@ class Viewer:
         rejected = self.coming is None and self.wanted() == self.refiner.refused
         return OTHER if rejected or (self.coming and self.extractor.has_failed(self.coming)) else None
 
-    def wanted(self) -> tuple[object, ...]:
+    def wanted(self) -> Wanted:
         """Key of a frame: all its inputs, as values or immutable objects."""
         state = self.state
         return state.pose, state.settings, self.document, state.show_zk and state.compare == "off", state.beside
@@ -379,37 +389,29 @@ class Viewer:
         gliding = self.state.gliding or (self.input.is_dragging and self._moment().moving)
         blurs = gliding and self.state.blur != "off"
         self._follow_state(blurs)
-        wanted, moment, inputs = self.wanted(), self._moment(), self.inputs
-        level = self.refiner.level(wanted, moment)
-        if level is None:
-            if wanted == self.refiner.refused:
-                self._say_rejected()
-            return None
-        if wanted != self.refiner.drawn:
-            self.reference.forget()
-        try:
+        wanted, inputs, level = self.wanted(), self.inputs, None
+
+        def draw(level: int) -> tuple[Wanted, bool]:
+            if wanted != self.refiner.drawn:
+                self.reference.forget()
             # quick previews need no portions
             is_slow = level == 0 or self.refiner.pace.expected(level) > WAITED
             interrupted = partial(self._is_interrupted, inputs, level == 0) if is_slow else None
             frame = self.painter.draw(self.state, self.document, LADDER[level], blurs, interrupted)
-        except Interrupted:
-            return None
-        except USER_ERRORS as error:
-            self.refiner.refuse(wanted)
-            self.reject_reason = error_text(error)
-            # also for a view that turns, which is rejected again each time
-            self._say_rejected()
-            return None
-        self.clear_message(PICTURE)
-        self.refiner.done(wanted, level, frame.full)
-        self.dirty = max(self.dirty, 1 + frame.full)
-        return level
+            self.clear_message(PICTURE)
+            self.dirty = max(self.dirty, 1 + frame.full)
+            return wanted, frame.full
 
-    def _say_rejected(self) -> None:
-        """Shows why the picture is another one, which no key hides."""
-        # the previous document need not support the settings of the coming one
-        if self.coming is None and not self.state.message:
+        try:
+            level = self.refiner.step(wanted, self._moment(), draw)
+        except Interrupted:
+            pass
+        except USER_ERRORS as error:
+            self.reject_reason = error_text(error)
+        # no key hides why the picture is another one; the previous document need not support the settings of the coming
+        if wanted == self.refiner.refused and self.coming is None and not self.state.message:
             self.say(self.reject_reason, PICTURE)
+        return level
 
     def _is_interrupted(self, inputs: int, is_full: bool = True) -> bool:
         """Polls events during a frame and shows the panel that they change; True after new input, which cancels the

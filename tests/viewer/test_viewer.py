@@ -369,24 +369,28 @@ def test_accuracy_is_given_up_before_pixels_and_voxels() -> None:
     assert str(LADDER[1]) == "all pixels and voxels" and LADDER[1].size(SIZE) == SIZE and LADDER[1].stride == 1
 
 
+def stepped(refiner: Refiner, wanted: str, now: Moment, full: bool) -> int | None:
+    return refiner.step((wanted,), now, lambda level: ((wanted,), full))
+
+
 def test_refinement() -> None:
     """Coarse while input comes, nothing until REST, then in full once, and not again."""
     refiner = Refiner([4_000_000, 400_000, 50_000, 8000], 640 * 480, 0.033)
     first = refiner.level(("a",), Moment(0.0))
     assert first
-    refiner.done(("a",), first, False)
+    assert stepped(refiner, "a", Moment(0.0), False) == first
     assert refiner.level(("a",), Moment(0.02)) is None
     assert 0 < (refiner.patience(("a",), Moment(0.02)) or 0) < 0.15
     assert refiner.level(("a",), Moment(0.15)) == 0
     # a button held down puts off what would take long; turning puts it off for good
     assert refiner.level(("a",), Moment(0.15, held=True)) is None
     assert refiner.level(("a",), Moment(9.0, turning=True)) is None
-    refiner.done(("a",), 0, True)
+    assert stepped(refiner, "a", Moment(0.15), True) == 0
     assert refiner.level(("a",), Moment(1.0)) is None and refiner.patience(("a",), Moment(1.0)) is None
     # also where the machine is so busy that the view rests before anything is drawn
     late = refiner.level(("b",), Moment(0.3))
     assert late
-    refiner.done(("b",), late, False)
+    assert stepped(refiner, "b", Moment(0.3), False) == late
     assert refiner.level(("b",), Moment(0.3)) == 0
 
 
@@ -396,10 +400,8 @@ def test_strides_refine_as_they_come() -> None:
     assert refiner.level(("a",), Moment(0.0, strides=())) is None
     drawn = []
     for strides in ((8,), (4, 8), (4, 8), (2, 4, 8), (1, 2, 4, 8), (1, 2, 4, 8)):
-        level = refiner.level(("a",), Moment(5.0, strides=strides))
+        level = refiner.step(("a",), Moment(5.0, strides=strides), lambda level: (("a",), level == 0))
         drawn.append(None if level is None else LADDER[level].stride)
-        if level is not None:
-            refiner.done(("a",), level, level == 0)
     assert drawn == [8, 4, None, 2, 1, None]
     # in motion no stride is waited for
     assert refiner.level(("b",), Moment(0.0, strides=(1, 8))) in (0, len(LADDER) - 1, 8)
@@ -407,7 +409,12 @@ def test_strides_refine_as_they_come() -> None:
 
 def test_a_picture_that_cannot_be_had_is_not_tried_again() -> None:
     refiner = Refiner([10, 10, 10, 10], 100, 0.033)
-    refiner.refuse(("a",))
+
+    def refuse(level: int) -> tuple[tuple[object, ...], bool]:
+        raise sg.InputError("none")
+
+    with pytest.raises(sg.InputError, match="none"):
+        refiner.step(("a",), Moment(5.0), refuse)
     assert refiner.level(("a",), Moment(5.0)) is None and refiner.patience(("a",), Moment(5.0)) is None
     # in full at once, as it is quick
     assert refiner.level(("b",), Moment(5.0)) == 0
