@@ -15,12 +15,11 @@ from splatgl.data.volume import Volume
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
 from splatgl.planning.scene import Layer, Scene
-from splatgl.splat.settings import Settings
 from splatgl.transfer.presets import PRESETS, build_transfer
 from splatgl.transfer.statistics import Statistics
 from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.panel_sections import label_left, shorten
-from splatgl.viewer.thumbnails import MOST_VOXELS, reduce_volume
+from splatgl.viewer.thumbnails import MOST_VOXELS, draw_small, reduce_volume
 from splatgl.viewer.trackball import Pose
 
 # side of a picture at a content scale of 1, screen units; its pixels; pictures in a row
@@ -98,8 +97,7 @@ class PresetGallery:
             step = int(np.ceil((self.volume.count / MOST_VOXELS) ** (1 / 3)))
             self.small = reduce_volume(self.volume) or subsample(self.volume, step)
         scene = Scene([Layer(self.small, self.transfers[name])])
-        settings = Settings(background="black", tolerance=8 / 255)
-        image = renderer.render(scene, pose.resized((PIXELS, PIXELS)).camera, settings, verify_bound=False)
+        image = draw_small(renderer, scene, pose.resized((PIXELS, PIXELS)).camera)
         with current(ctx):
             old = self.textures.pop(name, None)
             self.textures[name] = ctx.texture((PIXELS, PIXELS), 4, np.ascontiguousarray(image.samples8()).tobytes())

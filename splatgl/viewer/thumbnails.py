@@ -14,10 +14,13 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.geometry.camera import Camera
+from splatgl.gl.renderer import Renderer
 from splatgl.planning.scene import Scene
+from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.settings import Settings
 from splatgl.transfer.statistics import without_far_values
 from splatgl.transfer.transfer import Transfer
+from splatgl.viewer.adaptive_quality import LENIENT
 
 # side of a picture, pixels; size of that of a transfer function
 SIDE, BAR = 192, (240, 48)
@@ -91,9 +94,11 @@ def reduce_volume(volume: Volume) -> Volume | None:
 
 def _draw(scene: Scene) -> bytes:
     """PNG of a scene on black."""
-    from splatgl.scene.shared_renderer import shared_renderer
-
-    camera = Camera.orbit(scene, AZIMUTH, ELEVATION, size=(SIDE, SIDE))
     with shared_renderer() as renderer:
-        image = renderer.render(scene, camera, Settings(background="black", tolerance=8 / 255), verify_bound=False)
+        image = draw_small(renderer, scene, Camera.orbit(scene, AZIMUTH, ELEVATION, size=(SIDE, SIDE)))
     return image.encoded(Path("image.png"), 8)
+
+
+def draw_small(renderer: Renderer, scene: Scene, camera: Camera) -> Image:
+    """Picture of a scene on black."""
+    return renderer.render(scene, camera, Settings(background="black", tolerance=LENIENT), verify_bound=False)
