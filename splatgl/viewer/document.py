@@ -186,11 +186,10 @@ class Document:
 
     def refined(self) -> Document:
         """Reads the finer voxels of the first layer that has any, and returns the document with them."""
-        number = next(n for n, layer in enumerate(self.layers) if layer.has_finer)
-        shown = self.layers[number].stand_in
+        number, old = next((n, layer) for n, layer in enumerate(self.layers) if layer.has_finer)
+        shown = old.stand_in
         assert shown and shown.finer
-        layer = self.layers[number].with_stand_in(shown.finer()).cut_by(self.layers[number].scissors)
-        layer = layer.placed(*self.layers[number].volume.world)
+        layer = old.with_stand_in(shown.finer()).within(old.volume.world, old.scissors)
         layer.shell(STRIDES[-1])
         return replace(self, layers=(*self.layers[:number], layer, *self.layers[number + 1 :]))
 
@@ -270,8 +269,8 @@ class Document:
         if shown.is_layered:
             # blurred pictures of layers are means of sharp ones
             settings, moving = settings.but(motion="off"), False
-        layers = tuple(layer.placed(*shown.world) for layer in layers)
-        layers = tuple(layer.for_style(style, settings, moving) for layer, style in zip(layers, styles, strict=True))
+        made = (layer.within(shown.world, style.scissors) for layer, style in zip(layers, styles, strict=True))
+        layers = tuple(layer.for_style(style, settings, moving) for layer, style in zip(made, styles, strict=True))
         if (layers, styles, shown.mesh_files) == (self.layers, self.styles, self.mesh_files):
             return self
         return replace(shown, layers=layers)

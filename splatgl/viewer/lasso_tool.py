@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl.errors import InputError
-from splatgl.geometry.scissors import MOST_CORNERS, Scissors, cut_volume
+from splatgl.geometry.scissors import MOST_CORNERS, Scissors
 from splatgl.gl.screen import LineColor, Stroke
 from splatgl.scene.meshes import is_mesh
 from splatgl.viewer.state import Lasso
@@ -47,7 +47,7 @@ def cut_along(state: State, document: Document) -> State:
         outline = np.array(state.lasso.points).reshape(-1, 2) / camera.size
         scissors = Scissors(outline, state.lasso.keep, camera, *document.volume.world)
         # of few voxels, whatever the size of the volume
-        cut_volume(first.volumes[-1], (*first.scissors, scissors))
+        replace(first, volumes=first.volumes[-1:]).within(document.world, (*first.scissors, scissors))
     except InputError:
         return replace(state, lasso=replace(state.lasso, points=()), message=BAD)
     styles = tuple(replace(style, scissors=(*style.scissors, scissors)) for style in state.styles)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 
@@ -32,6 +31,8 @@ from splatgl.viewer.state import LayerStyle
 SMALL = 1 << 15
 # number of splats that can be processed within a millisecond
 FEW = 200_000
+# classification and kernel
+Kind = tuple[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +41,8 @@ class LayerSplats:
 
     scene: options of this layer alone. world: frame and unit of its file, of the transfer function and of `clip`, the
     planes of the layer (None: the scene's); volumes are in the document's. stand_in: the part of the volume that is
-    shown. kind: classification and kernel of the splats. estimates: `counts` of the layer that this one replaces. made:
-    splats by stride; shells: splats without the hidden ones. variants: layers of the same transfer function, by
-    `is_post_classified`.
+    shown. kind: of the splats. estimates: `counts` of the layer that this one replaces. cache: splats of each kind, all
+    and (True) without the hidden ones, by stride. Layers of one cache differ in their kind alone.
     """
 
     name: str
@@ -53,14 +53,15 @@ class LayerSplats:
     world: World = World()
     clip: tuple[Plane, ...] | None = None
     stand_in: StandIn | None = None
-    kind: tuple[str, str] = ("pre", "")
+    kind: Kind = ("pre", "")
     estimates: tuple[int, ...] = (0,) * len(STRIDES)
-    made: dict[int, Splats] = field(default_factory=dict)
-    shells: dict[int, Splats] = field(default_factory=dict)
-    variants: dict[bool, LayerSplats] = field(default_factory=dict)
+    cache: dict[tuple[Kind, bool], dict[int, Splats]] = field(default_factory=dict, repr=False)
 
-    def __post_init__(self) -> None:
-        self.variants[self.is_post_classified] = self
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, LayerSplats) and self.cache is other.cache and self.kind == other.kind
+
+    def __hash__(self) -> int:
+        return hash((id(self.cache), self.kind))
 
     @classmethod
     def of_layer(cls, name: str, scene: SceneFile, layer: Layer) -> LayerSplats:
@@ -78,8 +79,8 @@ class LayerSplats:
             less = halve_volume(last, bool(self.transfer.labels)) if last.count > SMALL and not last.coarser else last
             volumes.append(next(iter(last.coarser), less))
         estimates = tuple(volume.count for volume in volumes)
-        fresh: dict[str, Any] = {"made": {}, "shells": {}, "variants": {}, "kind": ("pre", ""), "estimates": estimates}
-        return replace(self, volumes=tuple(volumes), stand_in=shown, **fresh).for_settings(self.scene.settings)
+        fresh = replace(self.without_splats(), volumes=tuple(volumes), stand_in=shown, estimates=estimates)
+        return fresh.for_settings(self.scene.settings)
 
     @property
     def volume(self) -> Volume:
@@ -104,6 +105,16 @@ class LayerSplats:
             known = len(self.shells[stride]) if stride in self.shells else min([estimate, *counts[-1:]])
             counts.append(known)
         return tuple(counts)
+
+    @property
+    def made(self) -> dict[int, Splats]:
+        """The splats that are extracted, by stride."""
+        return self.cache.setdefault((self.kind, False), {})
+
+    @property
+    def shells(self) -> dict[int, Splats]:
+        """The splats without the hidden ones, by stride."""
+        return self.cache.setdefault((self.kind, True), {})
 
     @property
     def extracted(self) -> tuple[int, ...]:
@@ -197,49 +208,44 @@ class LayerSplats:
 
     def without_splats(self) -> LayerSplats:
         """The layer without any splats: they may hold values extracted for another transfer function."""
-        return replace(self, made={}, shells={}, variants={})
+        return replace(self, cache={})
 
     def with_transfer(self, transfer: Transfer, threshold: float) -> LayerSplats:
         """A copy with another transfer function, which keeps the splats whose values serve both."""
-        post = self.variants.get(True, self)
+        kind = next((kind for kind, _ in self.cache.copy() if kind[0] != "pre"), self.kind)
         made = {
             stride: splats.with_classifier(splats.post.with_transfer(self._look(transfer).on(self.volume)))
-            for stride, splats in post.made.copy().items()
+            for stride, splats in replace(self, kind=kind).made.copy().items()
             if splats.post is not None and splats.holds(transfer)
         }
-        layer = replace(self, transfer=transfer, threshold=threshold, kind=post.kind, estimates=self.counts)
-        return replace(layer, made=made, shells=made.copy(), variants={})
+        cache = {(kind, False): made, (kind, True): made.copy()}
+        return replace(self, transfer=transfer, threshold=threshold, kind=kind, estimates=self.counts, cache=cache)
 
     def coarse(self) -> LayerSplats:
         """The layer with the splats of the coarsest stride alone."""
-        made, shells = ({n: kept[n] for n in kept.keys() & STRIDES[-1:]} for kept in (self.made, self.shells))
-        return replace(self, made=made, shells=shells, variants={})
+        cache = {key: {n: made[n] for n in made.keys() & STRIDES[-1:]} for key, made in self.cache.copy().items()}
+        return replace(self, cache=cache)
 
     def for_style(self, style: LayerStyle, settings: Settings, moving: bool = False) -> LayerSplats:
         """The layer in a style, with splats of the kind that the settings take; this one if nothing changes."""
         same = (style.transfer, style.threshold) == (self.transfer, self.threshold)
-        layer = self.cut_by(style.scissors)
-        return (layer if same else layer.with_transfer(style.transfer, style.threshold)).for_settings(settings, moving)
+        return (self if same else self.with_transfer(style.transfer, style.threshold)).for_settings(settings, moving)
 
     @property
     def scissors(self) -> tuple[Scissors, ...]:
         """The scissors that cut the volume."""
         return tuple(mask for mask in self.volume.masks if isinstance(mask, Scissors))
 
-    def cut_by(self, scissors: tuple[Scissors, ...]) -> LayerSplats:
-        """The layer, without splats, that scissors leave, instead of those before."""
-        cut = {id(each): cut_volume(each, scissors) for each in self.volumes if scissors != self.scissors}
-        return replace(self.without_splats(), volumes=tuple(cut[id(each)] for each in self.volumes)) if cut else self
-
-    def placed(self, frame: str | None, unit: str) -> LayerSplats:
-        """The layer, without splats, in another frame and unit; this one if it is in them, or states none."""
-        if self.volume.world.change(frame, unit) is None:
-            return self
-        placed = {id(each): each.placed(frame, unit) for each in self.volumes}
-        return replace(self.without_splats(), volumes=tuple(placed[id(each)] for each in self.volumes))
+    def within(self, world: World, scissors: tuple[Scissors, ...]) -> LayerSplats:
+        """The layer, without splats, in another frame and unit, and that other scissors leave; this one if it is so."""
+        made = {id(each): each.placed(*world) for each in self.volumes}
+        if scissors != self.scissors:
+            made = {key: cut_volume(each, scissors) for key, each in made.items()}
+        volumes = tuple(made[id(each)] for each in self.volumes)
+        return self if volumes == self.volumes else replace(self.without_splats(), volumes=volumes)
 
     def for_settings(self, settings: Settings, moving: bool = False) -> LayerSplats:
-        """The layer with splats of the kind that the settings take; those of the other kind are kept in `variants`.
+        """The layer with splats of the kind that the settings take; those of the other classification are kept.
 
         moving: whether the picture is motion-blurred.
         """
@@ -250,14 +256,11 @@ class LayerSplats:
         if kind == self.kind:
             # values kept for other transfer functions do not hold here
             return self.without_splats() if why and self.is_post_classified and self.made else self
-        is_post = kind[0] != "pre"
-        if why and is_post:
-            # cannot be extracted; the error is raised on use
-            return replace(self.without_splats(), kind=kind, estimates=self.counts, variants={})
-        other = self.variants.get(is_post)
-        if other is None or other.kind != kind:
-            other = replace(self, kind=kind, estimates=self.counts, made={}, shells={})
-        return other
+        is_post, entries = kind[0] != "pre", self.cache.copy()
+        # what cannot be extracted raises its error on use
+        kept = {k: v for k, v in entries.items() if k[0] == kind or (k[0][0] != "pre") != is_post}
+        cache = {} if why and is_post else self.cache if len(kept) == len(entries) else kept
+        return replace(self, kind=kind, estimates=self.counts, cache=cache)
 
     def why_pre_classified(self, settings: Settings, moving: bool) -> str | None:
         """The reason why splats are classified before reconstruction; None if the settings allow either."""

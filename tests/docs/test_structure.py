@@ -75,7 +75,6 @@ LOADS = {
     "integrations/vtk/scene.py": "masks of a plotter's volumes",
     "report/sweep.py": "splats of coarser voxels",
     "viewer/document.py": "layers and meshes of files that come later, in the frame of those that are shown",
-    "viewer/lasso_tool.py": "asks whether scissors leave anything",
     "viewer/layer_splats.py": "splats at each stride",
     "viewer/saving.py": "looks of a scene that is saved",
     "writers/__init__.py": "volumes for files",

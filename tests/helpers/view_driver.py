@@ -325,13 +325,13 @@ def asked_first(viewer: Viewer, folder: Path) -> Any:
 
 def counted() -> None:
     """Has layers counted from now on."""
-    made = LayerSplats.__post_init__
+    made = LayerSplats.__init__
 
-    def noted(layer: LayerSplats) -> None:
-        made(layer)
+    def noted(layer: LayerSplats, *args: Any, **options: Any) -> None:
+        made(layer, *args, **options)
         LAYERS.add(layer)
 
-    LayerSplats.__post_init__ = noted  # type: ignore[assignment, method-assign]
+    LayerSplats.__init__ = noted  # type: ignore[assignment, method-assign]
 
 
 def main() -> None:

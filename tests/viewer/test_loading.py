@@ -213,8 +213,8 @@ def test_a_failed_extraction_that_is_taken_back_is_over(folder: Path) -> None:
     viewer.state = replace(viewer.state, settings=viewer.state.settings.but(classification="pre"))
     viewer._follow_state(False)
     assert viewer.coming is not None and viewer.extractor.jobs.wait(LONGEST)
-    layer = replace(viewer.coming.layers[0], made={}, shells={})
-    viewer.coming = replace(viewer.coming, layers=(layer,))
+    viewer.coming.layers[0].made.clear()
+    viewer.coming.layers[0].shells.clear()
     viewer.extractor.failed, viewer.extractor.why = viewer.coming, "not enough memory"
     viewer._follow_state(False)
     assert viewer.said[-1] == "not enough memory" and viewer.document is document
