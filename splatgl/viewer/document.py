@@ -293,15 +293,11 @@ class Document:
 
     @cached_property
     def meshes(self) -> tuple[Mesh, ...]:
-        """The visible meshes in their colours and opacities, as `MeshFile.open` reads them."""
+        """The visible meshes and slices in space, unclipped, in the frame of the layers."""
         visible = [file for file in self.mesh_files if file.visible and source_key(file) in self.read]
         styled = [styled_mesh(file, self.read[source_key(file)]) for file in visible]
-        world = World.shared((self.world, *(mesh.world for mesh in styled)))
-        return (
-            *(mesh.placed(*world) for mesh in styled),
-            *self.lines,
-            *slice_meshes(layer_looks(self.pool, self.styles), self.slice_planes),
-        )
+        slices = slice_meshes(layer_looks(self.pool, self.styles), self.slice_planes)
+        return tuple(Scene(self._shown_at(1), meshes=[*styled, *self.lines, *slices]).meshes)
 
     def with_planes(self, slice_planes: Sequence[str]) -> Document:
         """The document with these slices in space; this one if it has them."""
@@ -328,10 +324,13 @@ class Document:
         if key not in self.scenes:
             while len(self.scenes) >= MOST_SCENES:
                 del self.scenes[next(iter(self.scenes))]
-            shown, first = [layer.layer_at(stride) for layer in self._visible], self.layers[0]
-            clear = replace(first.layer_at(stride), only_slices=True, held=partial(first.none_at, stride))
-            self.scenes[key] = Scene(shown or [clear], clip, self.meshes)
+            self.scenes[key] = Scene(self._shown_at(stride), clip, self.meshes)
         return self.scenes[key]
+
+    def _shown_at(self, stride: int) -> list[Layer]:
+        first = self.layers[0]
+        clear = replace(first.layer_at(stride), only_slices=True, held=partial(first.none_at, stride))
+        return [layer.layer_at(stride) for layer in self._visible] or [clear]
 
     @property
     def subject(self) -> Bounded:

@@ -74,8 +74,7 @@ LOADS = {
     "integrations/napari/reader.py": "layers of napari, which it places",
     "integrations/vtk/scene.py": "masks of a plotter's volumes",
     "report/sweep.py": "splats of coarser voxels",
-    "viewer/document.py": "layers and meshes of files that come later, in the frame of those that are shown",
-    "viewer/layer_splats.py": "splats at each stride",
+    "viewer/layer_splats.py": "splats at each stride, in the frame of the first layer that is shown",
     "viewer/saving.py": "looks of a scene that is saved",
     "writers/__init__.py": "volumes for files",
 }
