@@ -47,7 +47,7 @@ MOST_SCENES = 2 * len(STRIDES)
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """The open scene. layers: at least one; styles: of each layer. others: layers that no style names, by number.
+    """The open scene. pool: layers, also those that were removed, by number; styles: name at least one, in their order.
 
     mesh_files: meshes of the scene; read: the data of meshes, by `source_key`; lines: meshes of vectors, always shown.
     slice_planes: as of a scene. is_loading: whether nothing is read yet. Raises InputError for more than MOST_LAYERS
@@ -55,13 +55,12 @@ class Document:
     """
 
     scene: SceneFile
-    layers: tuple[LayerSplats, ...]
+    pool: Mapping[int, LayerSplats]
     styles: tuple[LayerStyle, ...]
     mesh_files: tuple[MeshFile, ...] = ()
     read: Mapping[MeshFile, Mesh] = field(default_factory=dict)
     lines: tuple[Mesh, ...] = ()
     slice_planes: tuple[str, ...] = ()
-    others: Mapping[int, LayerSplats] = field(default_factory=dict)
     is_loading: bool = False
     scenes: dict[object, Scene] = field(default_factory=dict, init=False, repr=False)
 
@@ -82,7 +81,7 @@ class Document:
         layer = LayerSplats(volume.name, plain, (volume,) * len(STRIDES), transfer)
         for stride in STRIDES:
             layer.shell(stride)
-        return cls(plain, (layer,), (LayerStyle(transfer),), is_loading=True)
+        return cls(plain, {0: layer}, (LayerStyle(transfer),), is_loading=True)
 
     @classmethod
     def open(cls, scene: SceneFile, quiet: bool = False) -> Document:
@@ -103,7 +102,7 @@ class Document:
         pairs = _styled(scene, volume, opened.own_layers(), scene.settings)
         for source in scene.layers:
             pairs += read_layer(source, scene, quiet)
-        layers = tuple(layer for layer, _ in pairs)
+        layers = dict(enumerate(layer for layer, _ in pairs))
         styles = tuple(replace(style, number=number) for number, (_, style) in enumerate(pairs))
         files = tuple(surfaces_of(scene))
         lines, planes = tuple(scene.vectors.meshes(volume)), scene.slice_planes
@@ -114,6 +113,11 @@ class Document:
         return document
 
     # --- layers -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def layers(self) -> tuple[LayerSplats, ...]:
+        """The layers that styles name, in their order."""
+        return tuple(self.pool[style.number] for style in self.styles)
 
     @property
     def volume(self) -> Volume:
@@ -132,11 +136,6 @@ class Document:
         return tuple(style.title or layer.name for layer, style in zip(self.layers, self.styles, strict=True))
 
     @property
-    def pool(self) -> dict[int, LayerSplats]:
-        """All layers, also those that were removed, by the numbers that styles name."""
-        return {**self.others, **dict(zip((style.number for style in self.styles), self.layers, strict=True))}
-
-    @property
     def file_numbers(self) -> set[int]:
         """The numbers of the layers that the scene file has."""
         return {number for number in self.pool if number >= 0}
@@ -145,12 +144,12 @@ class Document:
         """The document with more layers, which are drawn once styles name their numbers; and these numbers."""
         start = min(0, *self.pool)
         added = {start - 1 - place: layer for place, layer in enumerate(layers)}
-        return replace(self, others={**self.others, **added}), list(added)
+        return replace(self, pool={**self.pool, **added}), list(added)
 
     def with_additions(self, shown: Document) -> Document:
         """The document, which is read anew, with the layers and meshes that were added to the visible one."""
         added = {number: layer for number, layer in shown.pool.items() if number < 0}
-        return replace(self, others={**added, **self.others}).with_meshes({**shown.read, **self.read})
+        return replace(self, pool={**added, **self.pool}).with_meshes({**shown.read, **self.read})
 
     @property
     def is_layered(self) -> bool:
@@ -186,12 +185,12 @@ class Document:
 
     def refined(self) -> Document:
         """Reads the finer voxels of the first layer that has any, and returns the document with them."""
-        number, old = next((n, layer) for n, layer in enumerate(self.layers) if layer.has_finer)
-        shown = old.stand_in
+        number = next(style.number for style in self.styles if self.pool[style.number].has_finer)
+        old, shown = self.pool[number], self.pool[number].stand_in
         assert shown and shown.finer
         layer = old.with_stand_in(shown.finer()).within(old.volume.world, old.scissors)
         layer.shell(STRIDES[-1])
-        return replace(self, layers=(*self.layers[:number], layer, *self.layers[number + 1 :]))
+        return replace(self, pool={**self.pool, number: layer})
 
     def is_described_as(self, other: Document) -> bool:
         """Whether the scene files of both say the same, but for the background, which may follow the values."""
@@ -210,8 +209,7 @@ class Document:
 
     def coarse(self) -> Document:
         """The document with the coarsest splats alone, which is kept while another one is shown."""
-        others = {number: layer.coarse() for number, layer in self.others.items()}
-        return replace(self, layers=tuple(layer.coarse() for layer in self.layers), others=others)
+        return replace(self, pool={number: layer.coarse() for number, layer in self.pool.items()})
 
     def mesh(self, file: MeshFile) -> Mesh | None:
         """The data of a mesh; None if it is not read."""
@@ -260,20 +258,18 @@ class Document:
 
         moving: whether the picture is motion-blurred.
         """
-        pool = self.pool
         # a scene that changed on disk may have other layers
-        styles = tuple(style for style in styles if style.number in pool) or self.styles
-        layers, named = tuple(pool[style.number] for style in styles), {style.number for style in styles}
-        others = {number: layer for number, layer in pool.items() if number not in named}
-        shown = replace(self, layers=layers, styles=styles, others=others, mesh_files=tuple(mesh_files))
+        styles = tuple(style for style in styles if style.number in self.pool) or self.styles
+        shown = replace(self, styles=styles, mesh_files=tuple(mesh_files))
         if shown.is_layered:
             # blurred pictures of layers are means of sharp ones
             settings, moving = settings.but(motion="off"), False
-        made = (layer.within(shown.world, style.scissors) for layer, style in zip(layers, styles, strict=True))
-        layers = tuple(layer.for_style(style, settings, moving) for layer, style in zip(made, styles, strict=True))
-        if (layers, styles, shown.mesh_files) == (self.layers, self.styles, self.mesh_files):
-            return self
-        return replace(shown, layers=layers)
+        pool = dict(self.pool)
+        for style in styles:
+            layer = pool[style.number].within(shown.world, style.scissors)
+            pool[style.number] = layer.for_style(style, settings, moving)
+        same = (pool, styles, shown.mesh_files) == (self.pool, self.styles, self.mesh_files)
+        return self if same else replace(shown, pool=pool)
 
     def with_settings(self, scene: SceneFile) -> Document:
         """The document with the settings of a scene, which differs in them alone, and with its planes."""
@@ -286,8 +282,8 @@ class Document:
 
     def with_current_splats(self) -> Document:
         """The document without splats that extraction would not give."""
-        layers = tuple(layer if layer.is_current else layer.without_splats() for layer in self.layers)
-        return self if layers == self.layers else replace(self, layers=layers)
+        stale = {number: layer for number, layer in self.pool.items() if not layer.is_current}
+        return replace(self, pool={**self.pool, **{number: layer.without_splats() for number, layer in stale.items()}})
 
     # --- the picture ------------------------------------------------------------------------------------------------
 

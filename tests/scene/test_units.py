@@ -161,7 +161,7 @@ def test_the_window_draws_what_render_does(
     assert np.array_equal(drawn(document), right) and right[..., 3].max() > 0.2
     shown = document.layers[1]
     finer = StandIn(shown.stored, "", lambda: StandIn(shown.stored))
-    waiting = replace(document, layers=(document.layers[0], replace(shown, stand_in=finer), *document.layers[2:]))
+    waiting = replace(document, pool={**document.pool, 1: replace(shown, stand_in=finer)})
     assert np.array_equal(drawn(waiting.refined()), right)
 
 

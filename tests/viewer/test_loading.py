@@ -177,7 +177,7 @@ def test_a_time_point_that_is_not_there_leaves_the_one_that_is_shown(folder: Pat
     assert (viewer.state.time, found.jobs.busy, viewer.closed) == (1, None, False)
     # what waited for a file that is given up goes on
     layer = replace(viewer.document.layers[0], stand_in=cast(Any, SimpleNamespace(finer=lambda: None)))
-    viewer.document, viewer.effects = replace(viewer.document, layers=(layer,)), [Request.CANCEL]
+    viewer.document, viewer.effects = replace(viewer.document, pool={0: layer}), [Request.CANCEL]
     gate = threading.Event()
     found._open("b.npy", lambda: cast(Opened, gate.wait(LONGEST)))
     viewer.performer.perform()

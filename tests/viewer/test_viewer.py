@@ -476,7 +476,7 @@ def test_coarse_pictures_look_alike(renderer: sg.Renderer, scene: SceneFile) -> 
     volume = blob(48)
     volumes = (volume, halve_volume(volume), halve_volume(halve_volume(volume)), volume)
     layer = replace(layer, volumes=volumes, cache={})
-    camera = replace(document, layers=(layer,)).home(SIZE).camera
+    camera = replace(document, pool={0: layer}).home(SIZE).camera
     fine, coarse = (renderer.render(layer.at(stride), camera).pixels for stride in (1, 2))
     assert coarse.mean() == pytest.approx(fine.mean(), rel=0.1)
     assert np.sqrt(((coarse - fine) ** 2).mean()) < 0.05
