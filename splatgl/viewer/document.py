@@ -232,11 +232,6 @@ class Document:
         return tuple(sorted(set.intersection(*(set(layer.extracted) for layer in self.drawn_layers))))
 
     @property
-    def has_full_resolution(self) -> bool:
-        """Whether the finest splats are extracted."""
-        return 1 in self.extracted
-
-    @property
     def exceeds_budget(self) -> bool:
         """Whether a layer has too many splats at full resolution."""
         return any(layer.exceeds_budget for layer in self.drawn_layers)

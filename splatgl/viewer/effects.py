@@ -312,7 +312,7 @@ class Performer:
                 viewer.clear_message(EXTRACTING)
                 viewer.refiner.renew(viewer.document.counts, prod(viewer.size))
                 # all time points have the view of the first
-                if viewer.state.pose is viewer.home and viewer.document.has_full_resolution and viewer.files.time == 0:
+                if viewer.state.pose is viewer.home and 1 in viewer.document.extracted and viewer.files.time == 0:
                     self._fit_home()
 
     def _apply_error(self, kind: Kind, error: BaseException) -> None:

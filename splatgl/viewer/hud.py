@@ -125,7 +125,7 @@ def _splats(document: Document, frame: Frame) -> list[str]:
     layers, first = document.drawn_layers, document.layers[0]
     kept, total = sum(len(layer.finest) for layer in layers), sum(layer.volume.count for layer in layers)
     notes = [document.stand_in.note] if document.stand_in and document.stand_in.note else []
-    if frame.level.stride > 1 or not document.has_full_resolution:
+    if frame.level.stride > 1 or 1 not in document.extracted:
         return [*notes, f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]
     most = f"at most {first.threshold:g}" if first.threshold else "0"
     left = f"the rest: opacity {most}{' around' * first.is_post_classified}"

@@ -11,7 +11,7 @@ from splatgl.data.affine import World
 from splatgl.data.halving import halve_volume
 from splatgl.data.volume import Volume
 from splatgl.geometry.camera import Bounded
-from splatgl.geometry.clipping import Plane, change_planes, check_planes
+from splatgl.geometry.clipping import Plane, check_planes
 from splatgl.geometry.scissors import Scissors, cut_volume
 from splatgl.planning.culling import visible_shell
 from splatgl.planning.opaque_bounds import Opaque
@@ -102,8 +102,7 @@ class LayerSplats:
         """Number of visible splats at each of STRIDES, estimated where none are extracted yet."""
         counts: list[int] = []
         for stride, estimate in zip(STRIDES, self.estimates, strict=True):
-            known = len(self.shells[stride]) if stride in self.shells else min([estimate, *counts[-1:]])
-            counts.append(known)
+            counts.append(len(self.shells[stride]) if stride in self.shells else min([estimate, *counts[-1:]]))
         return tuple(counts)
 
     @property
@@ -147,21 +146,16 @@ class LayerSplats:
     def _opaque(self) -> Opaque:
         return Opaque(self.volume, self.look)
 
+    @cached_property
+    def drawn(self) -> Layer:
+        """The layer of a scene in the document's frame and unit of length."""
+        own = Layer(self.stored, self.transfer, threshold=self.threshold, clip=self.clip)
+        return own.placed(*self.volume.world)
+
     @property
     def look(self) -> Transfer:
         """The transfer function in the document's unit of length."""
-        return self._look(self.transfer)
-
-    def _look(self, transfer: Transfer) -> Transfer:
-        """A transfer function of the layer's file in the document's unit of length."""
-        change = self.world.change(*self.volume.world)
-        return transfer if change is None else transfer.rescaled(change.length)
-
-    @property
-    def planes(self) -> tuple[Plane, ...] | None:
-        """The planes of the layer in the document's world; None: the scene's."""
-        change = self.world.change(*self.volume.world)
-        return self.clip if change is None or self.clip is None else change_planes(self.clip, change)
+        return self.drawn.seen
 
     def at(self, stride: int, progress: Progress | None = None) -> Splats:
         """The splats at a stride; opacities are per the finest volume's spacing at every stride. progress: as of
@@ -174,14 +168,12 @@ class LayerSplats:
             how, kernel = self.kind
             # previews drop nearly transparent splats
             how = "post-lean" if how == "post" and stride > 1 else how
-            options = {"progress": progress, "classification": how, "kernel": kernel}
-            self.made[stride] = extract(volume, self.look, self.threshold, **options)  # type: ignore[arg-type]
+            self.made[stride] = extract(volume, self.look, self.threshold, None, progress, how, kernel)
         return self.made[stride]
 
     def layer_at(self, stride: int) -> Layer:
         """The layer of a scene, with the splats at a stride."""
-        volume = self.volumes[STRIDES.index(stride)]
-        return Layer(volume, self.look, threshold=self.threshold, clip=self.planes, held=partial(self.at, stride))
+        return replace(self.drawn, volume=self.volumes[STRIDES.index(stride)], held=partial(self.at, stride))
 
     def none_at(self, stride: int) -> Splats:
         """None of the splats at a stride."""
@@ -213,8 +205,9 @@ class LayerSplats:
     def with_transfer(self, transfer: Transfer, threshold: float) -> LayerSplats:
         """A copy with another transfer function, which keeps the splats whose values serve both."""
         kind = next((kind for kind, _ in self.cache.copy() if kind[0] != "pre"), self.kind)
+        look = replace(self, transfer=transfer).look.on(self.volume)
         made = {
-            stride: splats.with_classifier(splats.post.with_transfer(self._look(transfer).on(self.volume)))
+            stride: splats.with_classifier(splats.post.with_transfer(look))
             for stride, splats in replace(self, kind=kind).made.copy().items()
             if splats.post is not None and splats.holds(transfer)
         }

@@ -72,7 +72,7 @@ def test_too_many_splats_are_a_scene_without_a_picture(
     assert "too many" in try_save(partial(save_picture, state, document, renderer.render, tmp_path))[0]
     said = save_scene(state, document, renderer.render, tmp_path)
     assert said.startswith("saved scene-001.toml") and "splatgl render" in said
-    assert sorted(os.listdir(tmp_path)) == ["blob.npy", "scene-001.toml"] and not document.has_full_resolution
+    assert sorted(os.listdir(tmp_path)) == ["blob.npy", "scene-001.toml"] and 1 not in document.extracted
     assert SceneFile.from_toml(tmp_path / "scene-001.toml").threshold == 0.001
 
 
@@ -136,7 +136,7 @@ def test_hidden_parts_are_not_extracted(renderer: sg.Renderer, tmp_path: Path) -
     document = document.with_styles(state.styles, state.mesh_files, state.settings)
     for stride in STRIDES:
         document.extract(stride)
-    assert document.has_full_resolution
+    assert 1 in document.extracted
     screen = SimpleNamespace(put=lambda name, pixels: None)
     frame = FrameRenderer(cast(Any, screen), renderer, ()).draw(state, document, FULL, False, lambda: False)
     assert 1 not in document.layers[0].made and 1 in document.layers[1].shells and frame.hidden == 0
