@@ -21,7 +21,7 @@ import splatgl as sg
 from splatgl import fileio
 from splatgl.scene.api import scene_of
 from splatgl.viewer import notebook, show, thumbnails
-from splatgl.viewer.adaptive_quality import FULL, LADDER
+from splatgl.viewer.adaptive_quality import FULL, LADDER, Level
 from splatgl.viewer.document import Document
 from splatgl.viewer.notebook import STILL, Session
 
@@ -65,6 +65,19 @@ def test_the_first_frame_is_the_picture(session: Timed, volume: sg.Volume) -> No
     assert (frame == sg.Image(session.image.pixels).over((0, 0, 0)).samples8()[..., :3]).all()
     # once
     assert session.frame() is None and session.patience() is None
+
+
+def test_previews_of_cut_volumes_have_an_inside() -> None:
+    """Splats that matter around them hides are left out only while no plane exposes them."""
+    z = np.linspace(-1, 1, 24)
+    near = np.sqrt(z[:, None, None] ** 2 + z[:, None] ** 2 + z**2) < 0.9
+    options = {"clip": "z<0.5", "view": "superior", "size": (48, 48), "classification": "pre"}
+    scene, _ = scene_of(sg.Volume(near.astype(np.float32)), sg.Transfer([(0.5, 0.0), (0.6, 1.0)]), None, None, options)
+    session = Session(scene)
+    session._draw(Level())
+    preview = session.image.pixels
+    assert len(session.document.layers[0].shell(1)) < len(session.document.layers[0].at(1))
+    assert np.abs(preview - session.picture().pixels).max() < 0.2
 
 
 def test_files_are_opened_within_the_budget(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
