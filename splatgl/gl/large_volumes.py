@@ -24,7 +24,7 @@ from splatgl.gl.renderer import Renderer
 from splatgl.planning.bricks import EACH, Bricks, excess_bricks, spread_places
 from splatgl.planning.plan import Blurred
 from splatgl.planning.resolve import check_blur_supported, extract_for_settings
-from splatgl.planning.scene import ScenePlan
+from splatgl.planning.scene import ResolvedScene, ScenePlan
 from splatgl.readers import load
 from splatgl.splat.motion import Moments, Motion
 from splatgl.splat.settings import BLENDS, Settings
@@ -342,4 +342,4 @@ def render_moving_bricks(
         image = draw(bricks.probes, camera, sharp)
     chosen = renderer.plan_bricks(bricks, blurred.camera, sharp)
     chosen = replace(chosen, moments=blurred.moments, notes=(*notes, *chosen.notes))
-    return replace(image, plan=ScenePlan((chosen,), sharp))
+    return replace(image, plan=ScenePlan((chosen,), ResolvedScene((), sharp)))

@@ -28,7 +28,7 @@ from splatgl.planning.bricks import Bricks, IsVisible
 from splatgl.planning.error_bound import bound
 from splatgl.planning.plan import Plan, plan
 from splatgl.planning.resolve import why_per_splat
-from splatgl.planning.scene import Scene, ScenePlan, join_pictures, plan_scene
+from splatgl.planning.scene import ResolvedScene, Scene, ScenePlan, join_pictures, plan_scene
 from splatgl.splat.extract_values import post_splats
 from splatgl.splat.motion import Moments, Motion, Shorter
 from splatgl.splat.settings import FULL_SHUTTER, Settings
@@ -157,30 +157,31 @@ class Renderer:
         meshes end or weaken rays; in other blends pictures of layers are joined.
         """
         chosen = scene.first
-        if scene.is_single:
+        resolved = scene.resolved
+        if resolved.is_single:
             return self._draw(chosen, interrupted=interrupted)
         if not chosen.program.look.blend.ordered:
             pictures = [self._draw(layer, interrupted=interrupted) for layer in scene.layers]
-            return join_pictures(pictures, scene.settings)
+            return join_pictures(pictures, resolved.settings)
         layers = [(layer.splats, layer) for layer in scene.layers]
-        if not scene.meshes:
+        if not resolved.meshes:
             return self._guarded(chosen, partial(self.passes.draw_layers, layers, interrupted))
         is_lit = chosen.settings.shading != "off"
-        return self._guarded(chosen, partial(self.passes.draw_surfaces, scene.meshes, is_lit, layers, interrupted))
+        return self._guarded(chosen, partial(self.passes.draw_surfaces, resolved.meshes, is_lit, layers, interrupted))
 
     def _scene_info(self, scene: ScenePlan, camera: Camera, started: float) -> dict[str, object]:
         """Provenance of a picture of splats or layers. started: value of `time.perf_counter`."""
         info = self.provenance(scene.first, camera, time.perf_counter() - started)
         info |= {"notes": notes} if (notes := scene.notes) else {}
-        if scene.is_single:
+        if scene.resolved.is_single:
             return info
-        splats = [layer.splats for layer in scene.layers]
+        splats, ground = [layer.splats for layer in scene.layers], scene.resolved.settings.ground
         return info | {
             "scene": " + ".join(layer.name for layer in splats),
             "layers": [layer.name for layer in splats],
             "splats": sum(map(len, splats)),
-            "triangles": sum(map(len, scene.meshes)),
-            "background": None if scene.settings.ground is None else list(scene.settings.ground),
+            "triangles": sum(map(len, scene.resolved.meshes)),
+            "background": None if ground is None else list(ground),
         }
 
     def _error(self, scene: ScenePlan, camera: Camera, pixels: np.ndarray, verify: bool) -> dict[str, object]:
@@ -190,7 +191,7 @@ class Renderer:
         """
         chosen = scene.first
         brightest = _brightest(pixels, chosen)
-        known = bound(chosen.splats, chosen, pixels) if scene.is_single else None
+        known = bound(chosen.splats, chosen, pixels) if scene.resolved.is_single else None
         if known is None:
             return {"error_bound": None, "tolerance_met": None}
         error, allowed = known.total, chosen.resolved.tolerance * max(brightest, 1e-30)
@@ -296,7 +297,7 @@ class Renderer:
         info = self.provenance(chosen, camera, time.perf_counter() - started)
         info |= {"splats": splats, "bricks": len(bricks.low), "error_bound": None, "tolerance_met": None}
         info["unmasked"] = bricks.whole.unmasked + sum(bricks.gaps.values())
-        plan = ScenePlan((chosen,), chosen.settings)
+        plan = ScenePlan((chosen,), ResolvedScene((), chosen.settings))
         info |= {"notes": plan.notes} if plan.notes else {}
         drawn = Drawn(pixels, bricks, camera, chosen.settings)
         return Image(pixels, info, drawn=drawn, plan=plan)

@@ -59,13 +59,15 @@ class Blurred:
     @classmethod
     def of(cls, splats: Splats, camera: Camera, settings: Settings, motion: Motion | None, notes: list[str]) -> Blurred:
         """Resolves the blur of the settings; adds notes."""
-        form, exposure = blur_form(splats, settings), Exposure.of(camera, settings.shutter, motion)
-        if form == "off" and motion is not None and not motion.still:
+        exposure, is_off = Exposure.of(camera, settings.shutter, motion), settings.motion == "off"
+        is_off = is_off and (settings.moments or 1) == 1
+        if is_off and motion is not None and not motion.still:
             notes.append("motion blur left out: the setting motion is off; the picture would be another")
-        elif exposure is None and form != "off":
+        elif exposure is None and not is_off:
             notes.append("motion blur left out: nothing moves; the picture is the same")
-        if form == "off" or exposure is None or motion is None:
+        if is_off or exposure is None or motion is None:
             return cls(settings, camera)
+        form = blur_form(splats, settings)
         if form == "moments":
             splats = select_splats(splats, settings, True, camera)
             count = settings.moments or count_moments(splats, camera, motion, settings.shutter)
@@ -80,6 +82,32 @@ class Blurred:
         if count > 1:
             notes.append(f"the mean of {count} pictures, each streaked over its part of the paths")
         return cls(settings.but(motion=form), exposure.middle, exposure, count if count > 1 else 0)
+
+
+@dataclass(frozen=True, eq=False)
+class ResolvedLayer:
+    """Splats of a picture, and their resolved settings, with all notes. splats: those that are drawn. front: those in
+    front of the eye; with streaks all. settings: as they were given. blurred: motion blur. why_before: why voxels are
+    classified before reconstruction, None: values are after it.
+    """
+
+    splats: Splats
+    front: Splats
+    resolved: Resolved
+    settings: Settings
+    blurred: Blurred
+    why_before: str | None = None
+
+    @classmethod
+    def of(cls, splats: Splats, camera: Camera, settings: Settings, motion: Motion | None = None) -> ResolvedLayer:
+        """Resolves the settings. motion: of the scene since the previous frame."""
+        notes = list[str]()
+        blurred = Blurred.of(splats, camera, settings, motion, notes)
+        how, camera, moving = blurred.settings, blurred.camera, blurred.exposure is not None
+        selected, why = select_with_notes(splats, how, moving, camera, notes)
+        front = selected if moving else clip_behind_eye(selected, camera)
+        resolved = Resolved.of(front, camera, how, moving)
+        return cls(selected, front, replace(resolved, notes=(*notes, *resolved.notes)), settings, blurred, why)
 
 
 # texels along an axis: as in the paper, and for an error of 1e−5 of a radial table
@@ -146,8 +174,7 @@ class Plan:
 
     z_s: depth where `hybrid` switches, world units. window: the pixels, or samples, that splats reach. splats: those
     that are drawn. settings: as they were given. exposure: that of streaks. moments: pictures that it is the mean of,
-    planned for the middle of the exposure; 0: none. why_before: why voxels are classified before reconstruction, None:
-    values are after it.
+    planned for the middle of the exposure; 0: none.
     """
 
     program: Program
@@ -163,7 +190,6 @@ class Plan:
     settings: Settings
     exposure: Exposure | None = None
     moments: int = 0
-    why_before: str | None = None
 
     @property
     def kernel(self) -> Kernel:
@@ -271,14 +297,13 @@ def plan(
     """The plan of a picture, in which no setting is `auto`. motion: of the scene since the previous frame. tiles:
     whether the renderer prefers them; None if unsupported.
     """
-    given, notes = settings or Settings(), list[str]()
-    blurred = Blurred.of(splats, camera, given, motion, notes)
-    settings, camera, exposure = blurred.settings, blurred.camera, blurred.exposure
-    selected, why = select_with_notes(splats, settings, exposure is not None, camera, notes)
-    splats = selected if exposure else clip_behind_eye(selected, camera)
-    resolved = Resolved.of(splats, camera, settings, moving=exposure is not None)
-    notes += resolved.notes
-    shape, view, look = resolved.kernel, resolved.view, resolved.look
+    return plan_layer(ResolvedLayer.of(splats, camera, settings or Settings(), motion), tiles)
+
+
+def plan_layer(layer: ResolvedLayer, tiles: bool | None) -> Plan:
+    """The plan of a picture whose settings are resolved. tiles: as of `plan`."""
+    splats, resolved, settings, exposure = layer.front, layer.resolved, layer.blurred.settings, layer.blurred.exposure
+    shape, view, look, notes = resolved.kernel, resolved.view, resolved.look, list(resolved.notes)
     align, z_s = alignment(splats, view, settings, notes)
     half_line = resolved.boxes or _half_line(splats, view, align, exposure, notes)
     # without splats no technique can refuse
@@ -315,11 +340,10 @@ def plan(
         Window(0, 0, *view.size) if exposure else bounds.window,
         hiding,
         tuple(notes),
-        selected,
-        given,
+        layer.splats,
+        layer.settings,
         exposure,
-        blurred.moments,
-        why,
+        layer.blurred.moments,
     )
 
 

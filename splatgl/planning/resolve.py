@@ -158,8 +158,8 @@ class Resolved:
         In a parallel view, still splats must be the result of `clip_behind_eye`.
         """
         depths, notes = depth_range(splats, camera), list[str]()
-        pixel = float(camera.pixel_pitch(depths[1])) / splats.grid.smallest_spacing
-        samples = _samples(settings, pixel, camera.size, notes)
+        pixel = farthest_pixel(splats, camera)
+        samples = samples_per_pixel(settings, pixel, camera.size, notes)
         fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
         if len(splats):
             check_reach(splats.corners, camera, splats.grid.mean_spacing)
@@ -298,8 +298,13 @@ def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
     return float(depth.min()), float(depth.max())
 
 
-def _samples(settings: Settings, pixel: float, size: tuple[int, int], notes: list[str]) -> int:
-    """Samples along each axis of a pixel. pixel: its width in smallest voxels at the farthest splat."""
+def farthest_pixel(splats: Splats, camera: Camera) -> float:
+    """Width of a pixel in smallest voxels at the farthest splat."""
+    return float(camera.pixel_pitch(depth_range(splats, camera)[1])) / splats.grid.smallest_spacing
+
+
+def samples_per_pixel(settings: Settings, pixel: float, size: tuple[int, int], notes: list[str]) -> int:
+    """Samples along each axis of a pixel. pixel: as `farthest_pixel`. size: of the picture."""
     if settings.antialias != "auto":
         return settings.samples if settings.antialias == "supersample" else 1
     least = next(k for tolerance, k in SAMPLES if settings.tolerance >= tolerance)
@@ -311,7 +316,7 @@ def _samples(settings: Settings, pixel: float, size: tuple[int, int], notes: lis
 
 
 def _allowed(splats: Splats, settings: Settings, samples: int, pixel: float) -> float:
-    """Largest end correction of one sample with which a tile of pixels takes no more. pixel: as for `_samples`."""
+    """Largest end correction of one sample with which a tile of pixels takes no more. pixel: as `farthest_pixel`."""
     # rims of surfaces that planes cut may lie between the samples of like pixels
     has_rims = bool(settings.clip) and splats.post is not None and bool(splats.post.transfer.iso)
     spared = settings.antialias == "auto" and samples == SPARED and pixel <= SPARED_PIXEL and not has_rims
@@ -531,19 +536,17 @@ def reach_outside(splats: Splats, settings: Settings, camera: Camera | None) -> 
     exact = settings.occlusion == "off" or settings.tolerance < TOLERANCE
     if camera is None or cut or exact or not BLENDS[settings.blend].ordered or not len(splats):
         return 0
-    depths = depth_range(splats, camera)
     if camera.perspective:
         eye = splats.grid.index_from_world(camera.eye)
         if np.linalg.norm(eye - np.clip(eye, *splats.index_bounds)) < AROUND_EYE:
             return 0
-    elif depths[0] < 0:
+    elif depth_range(splats, camera)[0] < 0:
         return 0
     if settings.antialias == "off":
         return 1
     # kernels are as much wider as a pixel is wider than a voxel
-    smallest = splats.grid.smallest_spacing
-    pixel = float(camera.pixel_pitch(depths[1])) / smallest
-    wider = max(pixel * settings.filter_width / _samples(settings, pixel, camera.size, []), 1.0)
+    pixel = farthest_pixel(splats, camera)
+    wider = max(pixel * settings.filter_width / samples_per_pixel(settings, pixel, camera.size, []), 1.0)
     return 2 ** math.ceil(math.log2(wider)) if wider <= MOST_WIDER else 0
 
 

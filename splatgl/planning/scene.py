@@ -26,8 +26,15 @@ from splatgl.geometry.slice_images import Painted, Painter
 from splatgl.geometry.slices import Slice, parse_slices
 from splatgl.planning.culling import clip_behind_eye
 from splatgl.planning.opaque_bounds import Opaque
-from splatgl.planning.plan import Plan, plan
-from splatgl.planning.resolve import Resolved, blur_form, check_blur_supported, extract_for_settings
+from splatgl.planning.plan import Plan, ResolvedLayer, plan_layer
+from splatgl.planning.resolve import (
+    Resolved,
+    blur_form,
+    check_blur_supported,
+    extract_for_settings,
+    farthest_pixel,
+    samples_per_pixel,
+)
 from splatgl.planning.unused import unused_settings
 from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces
@@ -383,46 +390,36 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class ResolvedScene:
-    """Layers of a picture, what of them is in front of the eye with its resolved settings, and meshes. settings: as
-    they were given.
+    """Layers and meshes of a picture, with resolved settings. layers: none of a volume in bricks, of which only some are
+    in memory. settings: as they were given.
     """
 
-    layers: tuple[tuple[Splats, Resolved], ...]
+    layers: tuple[ResolvedLayer, ...]
     settings: Settings
     meshes: tuple[Mesh, ...] = ()
-
-    @property
-    def is_single(self) -> bool:
-        """Whether the picture shows a single layer and no mesh."""
-        return len(self.layers) == 1 and not self.meshes
-
-
-@dataclass(frozen=True, eq=False)
-class ScenePlan:
-    """Plans of the layers of a picture, and its meshes. is_moving: whether its motion is known.
-    told: those on the meshes. settings: of the picture.
-    """
-
-    layers: tuple[Plan, ...]
-    settings: Settings
-    meshes: tuple[Mesh, ...] = ()
-    told: tuple[str, ...] = ()
-    is_moving: bool = False
 
     @property
     def is_single(self) -> bool:
         """Whether the picture shows a single layer and no mesh: only then an error bound is known."""
-        return len(self.layers) == 1 and not self.meshes
+        return len(self.layers) < 2 and not self.meshes
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePlan:
+    """Plans of the layers of a picture. resolved: without the choices for OpenGL, for the float64 reference. told:
+    notes on the meshes. is_moving: whether its motion is known.
+    """
+
+    layers: tuple[Plan, ...]
+    resolved: ResolvedScene
+    told: tuple[str, ...] = ()
+    is_moving: bool = False
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on the meshes, and on settings without effect."""
-        return (*self.told, *unused_settings(self.layers, self.settings, bool(self.meshes), self.is_moving))
-
-    def resolved(self, camera: Camera) -> ResolvedScene:
-        """The settings that OpenGL has no part in, for the float64 reference; of a still picture by a camera."""
-        layers = tuple((clip_behind_eye(layer.splats, camera), layer.resolved) for layer in self.layers)
-        return ResolvedScene(layers, self.settings, self.meshes)
+        scene = self.resolved
+        return (*self.told, *unused_settings(self.layers, scene.settings, bool(scene.meshes), self.is_moving))
 
     @property
     def notes_in_motion(self) -> tuple[str, ...]:
@@ -436,7 +433,7 @@ class ScenePlan:
 
     def explain(self) -> str:
         """Text that describes each plan, under the name of its layer if there are several."""
-        if self.is_single:
+        if self.resolved.is_single:
             return self.first.explain()
         return "\n".join(f"{plan.splats.name}:\n{plan.explain()}" for plan in self.layers)
 
@@ -450,31 +447,52 @@ def plan_scene(
 ) -> ScenePlan:
     """Plans a picture of splats, or of the visible layers of a scene. motion, tiles: as of `plan`.
 
+    Raises InputError as `resolve_scene`.
+    """
+    scene = resolve_scene(subject, camera, settings, motion)
+    plans = tuple(plan_layer(layer, tiles) for layer in scene.layers)
+    return ScenePlan(plans, scene, () if scene.is_single else subject.notes, motion is not None)
+
+
+def resolve_scene(
+    subject: Splats | Scene, camera: Camera, settings: Settings, motion: Motion | None = None
+) -> ResolvedScene:
+    """Resolves the settings of splats, or of the visible layers of a scene. motion: as of `plan`.
+
     Raises InputError for settings that several layers or meshes do not support: compositing splat by splat, streaks and
     flows; and with meshes, blends other than composite.
     """
     layers, meshes = subject.drawn(settings), subject.surfaces(settings)
-    is_single, is_ordered = len(layers) == 1 and not meshes, BLENDS[settings.blend].ordered
+    if len(layers) == 1 and not meshes:
+        ((splats, look),) = layers
+        return ResolvedScene((ResolvedLayer.of(splats, camera, look, motion),), settings)
     changes: dict[str, Any] = {}
-    if motion is not None and not (is_single or motion.still):
+    if motion is not None and not motion.still:
         check_blur_supported("of layers", settings, motion.flow is not None)
         changes = {"motion": "off", "moments": count_layer_moments(layers, camera, settings, motion)}
-    if not (is_single or is_ordered):
+    is_ordered = BLENDS[settings.blend].ordered
+    if not is_ordered:
         if meshes:
             raise expected("meshes", "blend composite", settings.blend)
         changes["background"] = None
     layers = common_samples(layers, camera, settings)
-    looks = [(splats, replace(look, **changes) if changes else look) for splats, look in layers]
-    plans = tuple(plan(splats, camera, look, motion, tiles) for splats, look in looks)
-    if is_ordered and not is_single:
-        for layer in plans:
-            check_layer(layer.resolved, layer.splats.name)
-        # nothing behind the eye of a parallel view casts shadows, as of a single volume
-        pairs = [(clip_behind_eye(layer.splats, camera), layer.settings) for layer in plans]
-        allowed = min(layer.resolved.allowed for layer in plans)
-        lit = with_shared_casters([replace(layer.resolved, allowed=allowed) for layer in plans], pairs)
-        plans = tuple(replace(layer, resolved=resolved) for layer, resolved in zip(plans, lit, strict=True))
-    return ScenePlan(plans, settings, meshes, () if is_single else subject.notes, motion is not None)
+    shown = [ResolvedLayer.of(splats, camera, replace(look, **changes), motion) for splats, look in layers]
+    return ResolvedScene(_composited(shown) if is_ordered else tuple(shown), settings, meshes)
+
+
+def _composited(layers: Sequence[ResolvedLayer]) -> tuple[ResolvedLayer, ...]:
+    """Layers that composite together, each in the shadow of all. Raises InputError for layers that are drawn splat by
+    splat.
+    """
+    for layer in layers:
+        _check_composited(layer.resolved, layer.splats.name)
+    casters = tuple((layer.front, layer.settings.clip) for layer in layers)
+    allowed, together = min(layer.resolved.allowed for layer in layers), []
+    for layer in layers:
+        cues = layer.resolved.cues
+        shared = None if cues is None else replace(cues, casters=casters)
+        together.append(replace(layer, resolved=replace(layer.resolved, allowed=allowed, cues=shared)))
+    return tuple(together)
 
 
 def count_layer_moments(
@@ -502,19 +520,16 @@ def common_samples(
     """Layers that composite together, with the same samples a pixel: the most that a layer needs."""
     if settings.antialias != "auto" or len(layers) < 2 or not BLENDS[settings.blend].ordered:
         return list(layers)
-    samples = {Resolved.of(clip_behind_eye(splats, camera), camera, look).samples for splats, look in layers}
+    samples = {
+        samples_per_pixel(look, farthest_pixel(clip_behind_eye(splats, camera), camera), camera.size, [])
+        for splats, look in layers
+    }
     if len(samples) == 1:
         return list(layers)
     return [(splats, replace(look, antialias="supersample", samples=max(samples))) for splats, look in layers]
 
 
-def with_shared_casters(resolved: Sequence[Resolved], layers: Sequence[tuple[Splats, Settings]]) -> list[Resolved]:
-    """Resolved settings of layers, each of which is in the shadow of all."""
-    casters = tuple((splats, look.clip) for splats, look in layers)
-    return [look if look.cues is None else replace(look, cues=replace(look.cues, casters=casters)) for look in resolved]
-
-
-def check_layer(resolved: Resolved, name: str) -> None:
+def _check_composited(resolved: Resolved, name: str) -> None:
     """Raises InputError for a layer that composites splat by splat, whose order among other layers is unknown."""
     if resolved.look.blend.ordered and resolved.sheets is None and not resolved.boxes:
         why = next((note for note in resolved.notes if note.startswith("sheets")), "compositing splats was asked for")

@@ -28,7 +28,7 @@ from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.planning.bricks import Bricks
-from splatgl.planning.scene import Scene, ScenePlan, plan_scene
+from splatgl.planning.scene import ResolvedScene, Scene, resolve_scene
 from splatgl.reference.field import kept_field_integral
 from splatgl.reference.renderer import reachable, reachable_of, render_pixels, render_pixels_of
 from splatgl.splat.settings import BLENDS, Settings
@@ -68,25 +68,25 @@ def check(
 
     amount: number of pixels to draw (default PIXELS; 0: none), all if the picture has no more, or seconds, a float.
     field: also compares some of the pixels that show matter with the exact integral of the field, whose values are
-    reconstructed and classified at every point of a ray: `info["checked"]["field"]`. Raises InputError as `plan_scene`
+    reconstructed and classified at every point of a ray: `info["checked"]["field"]`. Raises InputError as `resolve_scene`
     and `check_input`.
     """
-    return _check(image, plan_scene(splats, camera, settings or Settings()), camera, amount, field)
+    return _check(image, resolve_scene(splats, camera, settings or Settings()), camera, amount, field)
 
 
-def _check(image: Image, plan: ScenePlan, camera: Camera, amount: int | float | None, field: bool) -> Image:
-    """`check` of a picture by its plan."""
-    check_input(plan, amount, field)
+def _check(image: Image, scene: ResolvedScene, camera: Camera, amount: int | float | None, field: bool) -> Image:
+    """`check` of a picture of a resolved scene."""
+    check_input(scene, amount, field)
     if amount == 0:
         return image
-    settings, scene = plan.settings, plan.resolved(camera)
-    amount, draw = PIXELS if amount is None else amount, partial(render_pixels, scene, camera)
+    settings, draw = scene.settings, partial(render_pixels, scene, camera)
+    amount = PIXELS if amount is None else amount
     image, drawn = compare_sample(image, settings, amount, draw, reachable(scene, camera))
     if field and len(drawn):
         shown = drawn[_is_visible(image.pixels, settings).ravel()[drawn]]
         shown = shown if len(shown) else drawn
         pixels = shown[np.linspace(0, len(shown) - 1, min(FIELD_PIXELS, len(shown))).astype(int)]
-        samples, of = 1 if settings.antialias == "off" else FIELD_SAMPLES, plan.first
+        samples, of = 1 if settings.antialias == "off" else FIELD_SAMPLES, scene.layers[0]
         exact = kept_field_integral(of.splats, camera, pixels, samples, of.settings)
         off = image.pixels.reshape(-1, 4)[pixels] - exact
         errors = {"largest": float(np.abs(off).max()), "rmse": float(np.sqrt((off**2).mean()))}
@@ -96,16 +96,16 @@ def _check(image: Image, plan: ScenePlan, camera: Camera, amount: int | float | 
     return image
 
 
-def check_input(plan: ScenePlan, amount: int | float | None, field: bool) -> None:
-    """Raises InputError for what `check` cannot compare with a picture of this plan: a field of no pixels, and that of
+def check_input(scene: ResolvedScene, amount: int | float | None, field: bool) -> None:
+    """Raises InputError for what `check` cannot compare with a picture of this scene: a field of no pixels, and that of
     voxels classified before reconstruction.
     """
     if amount is not None and not amount >= field:
         raise expected("--check", "pixels or seconds" + " of at least 1, with --field" * field, amount)
-    if field and not plan.is_single:
+    if field and not scene.is_single:
         raise expected("--field", "a picture of one volume", "layers or meshes")
-    if field and plan.first.why_before:
-        got = f"voxels classified before ({plan.first.why_before})"
+    if field and (why := scene.layers[0].why_before):
+        got = f"voxels classified before ({why})"
         raise expected("--field", "values classified after reconstruction", got)
 
 
@@ -117,7 +117,7 @@ def compare(image: Image, amount: int | float | None = None, field: bool = False
     plain = replace(image, pixels=pixels)
     if isinstance(subject, Bricks):
         return replace(image, info=check_bricks(plain, subject, camera, settings, amount).info)
-    return replace(image, info=_check(plain, image.plan, camera, amount, field).info)
+    return replace(image, info=_check(plain, image.plan.resolved, camera, amount, field).info)
 
 
 def accuracy_of(image: Image) -> Accuracy:

@@ -15,13 +15,12 @@ import numpy as np
 
 from splatgl.coercion import public
 from splatgl.data.image import Image
-from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.planning.bricks import Bricks
 from splatgl.planning.culling import clip_behind_eye
 from splatgl.planning.ordering import back_to_front, order_for
-from splatgl.planning.resolve import Resolved, attenuation_form, select_splats, voxel_kernel
-from splatgl.planning.scene import ResolvedScene, Scene, check_layer, common_samples, join_pictures, with_shared_casters
+from splatgl.planning.resolve import Resolved, attenuation_form, voxel_kernel
+from splatgl.planning.scene import ResolvedScene, Scene, join_pictures, resolve_scene
 from splatgl.reference.blend import ADD, Band, Part, mean_weights, over_background, pixel_means, pixels
 from splatgl.reference.label_boxes import BoxScene
 from splatgl.reference.layers import LayerScene, SurfaceScene
@@ -43,7 +42,7 @@ from splatgl.splat.extract_values import post_splats
 from splatgl.splat.kernels import tabulate
 from splatgl.splat.lighting import Light, apply_light
 from splatgl.splat.motion_blur import moving_depth
-from splatgl.splat.settings import BLENDS, BlendMode, Settings
+from splatgl.splat.settings import BlendMode, Settings
 from splatgl.splat.splats import Splats, in_parts, record_type
 
 # samples per band: their indices fit into 16 bits, which sort fast
@@ -71,7 +70,7 @@ def render(
     """
     started = time.perf_counter()
     settings = settings or Settings()
-    drawings, info = _prepare(resolve_scene(splats, camera, settings, row), camera, row)
+    drawings, info = _prepare(_resolve_row(splats, camera, settings, row), camera, row)
     pictures = [draw_bands(*drawing, progress) for drawing in drawings]
     picture = pictures[0] if len(pictures) == 1 else join_pictures(pictures, settings)
     return Image(picture, {**info, "seconds": round(time.perf_counter() - started, 6)})
@@ -84,35 +83,19 @@ def render_pixels(scene: ResolvedScene, camera: Camera, wanted: np.ndarray) -> n
     return parts[0] if len(parts) == 1 else join_pictures(parts, scene.settings)
 
 
-def resolve_scene(subject: Splats | Scene, camera: Camera, settings: Settings, row: str = "row1") -> ResolvedScene:
-    """Resolves the settings of all layers. row: of `render`. Raises InputError as `plan_scene` for several layers and
-    meshes.
-    """
-    layers, meshes = subject.drawn(settings), subject.surfaces(settings)
-    is_single, is_ordered = len(layers) == 1 and not meshes, BLENDS[settings.blend].ordered
-    if meshes and not is_ordered:
-        raise expected("meshes", "blend composite", settings.blend)
-    if not is_single:
-        shown = common_samples(layers, camera, settings)
-        layers = shown if is_ordered else [(splats, look.but(background=None)) for splats, look in shown]
-    elif row != "row1":
-        own = voxel_kernel(settings)
-        layers = [
-            (splats, replace(look, classification="pre", compositing="splats", kernel=own)) for splats, look in layers
-        ]
-    layers = [(clip_behind_eye(select_splats(splats, look, False, camera), camera), look) for splats, look in layers]
-    resolved = [Resolved.of(splats, camera, look) for splats, look in layers]
-    if not is_single and is_ordered:
-        resolved = with_shared_casters(resolved, layers)
-        for (splats, _), one in zip(layers, resolved, strict=True):
-            check_layer(one, splats.name)
-    if is_single and row == EWA:
-        # its filter widens voxels before z_k, too
-        filtered, one = settings.antialias != "off", resolved[0]
-        look = replace(one.look, attenuation=attenuation_form(settings, filtered))
-        resolved = [replace(one, look=look, view=replace(one.view, antialias=filtered))]
-    pairs = ((splats, one) for (splats, _), one in zip(layers, resolved, strict=True))
-    return ResolvedScene(tuple(pairs), settings, meshes)
+def _resolve_row(subject: Splats | Scene, camera: Camera, settings: Settings, row: str) -> ResolvedScene:
+    """`resolve_scene` for a row of `render`, which classifies the voxels of a single layer."""
+    if row == "row1" or len(subject.drawn(settings)) > 1 or subject.surfaces(settings):
+        return resolve_scene(subject, camera, settings)
+    voxels = settings.but(classification="pre", compositing="splats", kernel=voxel_kernel(settings))
+    scene = replace(resolve_scene(subject, camera, voxels), settings=settings)
+    if row != EWA:
+        return scene
+    # its filter widens voxels before z_k, too
+    (layer,), filtered = scene.layers, settings.antialias != "off"
+    look = replace(layer.resolved.look, attenuation=attenuation_form(settings, filtered))
+    resolved = replace(layer.resolved, look=look, view=replace(layer.resolved.view, antialias=filtered))
+    return replace(scene, layers=(replace(layer, resolved=resolved),))
 
 
 def _prepare(
@@ -121,14 +104,15 @@ def _prepare(
     """The drawing of the picture; in blends without an order, one of each layer, without background. And the picture's
     info. wanted: the only pixels that are drawn; None: all.
     """
-    first, resolved = scene.layers[0]
+    layers = [(layer.front, layer.resolved) for layer in scene.layers]
+    first, resolved = layers[0]
     row = row if scene.is_single else "row1"
     info = _provenance(first, camera, resolved, row)
     if not scene.is_single:
-        names, count = [splats.name for splats, _ in scene.layers], sum(len(splats) for splats, _ in scene.layers)
+        names, count = [splats.name for splats, _ in layers], sum(len(splats) for splats, _ in layers)
         ground = scene.settings.ground
         info |= {"background": None if ground is None else list(ground), "layers": names, "splats": count}
-    near = [(_select_reaching(splats, one, wanted), one) for splats, one in scene.layers]
+    near = [(_select_reaching(splats, one, wanted), one) for splats, one in layers]
     if scene.is_single or not resolved.look.blend.ordered:
         return [(_scene(splats, one, row), one) for splats, one in near], info
     shown = [layer for layer in near if len(layer[0])] or near[:1] if wanted is not None else near
@@ -182,7 +166,7 @@ def reachable(scene: ResolvedScene, camera: Camera) -> np.ndarray:
     """bool [H, W]: pixels that splats may reach; all of them with meshes. The others show the background alone."""
     if scene.meshes:
         return np.ones(camera.size[::-1], bool)
-    return np.any([_reachable(run_boxes(splats), resolved) for splats, resolved in scene.layers], axis=0)
+    return np.any([_reachable(run_boxes(layer.front), layer.resolved) for layer in scene.layers], axis=0)
 
 
 def reachable_of(bricks: Bricks, camera: Camera, settings: Settings) -> np.ndarray:

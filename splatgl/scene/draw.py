@@ -336,12 +336,13 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
 
 def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, how: DrawOptions) -> Image:
     """Draws splats or layers, and compares the picture with float64; prints the output of --explain and --savings."""
+    from splatgl.planning.scene import resolve_scene
     from splatgl.reference.check import check_input
 
     with how.renderer() as renderer:
         if how.check_field:
             # before work on a picture that cannot be compared
-            check_input(renderer.plans(subject, camera, settings), how.check, how.check_field)
+            check_input(resolve_scene(subject, camera, settings), how.check, how.check_field)
         image = renderer.render(subject, camera, settings)
         return _told(image, renderer, how)
 

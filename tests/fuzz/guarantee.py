@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 import splatgl as sg
+from splatgl.planning.scene import resolve_scene
 from splatgl.reference.check import ALPHA, compare_sample
-from splatgl.reference.renderer import reachable, resolve_scene
+from splatgl.reference.renderer import reachable
 
 Random = np.random.Generator
 

@@ -27,10 +27,11 @@ from splatgl.planning import bricks as bricking
 from splatgl.planning import opaque_bounds
 from splatgl.planning.bricks import Bricks, bricks_of, required_bricks
 from splatgl.planning.opaque_bounds import Opaque
+from splatgl.planning.scene import resolve_scene
 from splatgl.readers import chunked, ome_zarr
 from splatgl.readers.chunked import Chunked
 from splatgl.reference.check import check_bricks, compare_sample
-from splatgl.reference.renderer import reachable, reachable_of, render_pixels, resolve_scene
+from splatgl.reference.renderer import reachable, reachable_of, render_pixels
 from splatgl.splat.kernels import kernel
 from splatgl.splat.settings import Settings
 from splatgl.splat.sheets import Sheets

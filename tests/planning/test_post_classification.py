@@ -18,8 +18,9 @@ from splatgl.cli.main import main
 from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.sheet_quads import first_sheets
 from splatgl.planning.culling import tiles_beside_box
+from splatgl.planning.scene import resolve_scene
 from splatgl.reference.rays import Rays
-from splatgl.reference.renderer import render_pixels, resolve_scene
+from splatgl.reference.renderer import render_pixels
 from splatgl.scene.view import ViewOptions
 from splatgl.splat import extract_values, prefilter
 from splatgl.splat.kernels import kernel

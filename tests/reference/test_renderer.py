@@ -10,10 +10,11 @@ from splatgl.data.scenes import letter_f
 from splatgl.geometry.view import GridView
 from splatgl.planning.ordering import back_to_front, order_for
 from splatgl.planning.resolve import Resolved
+from splatgl.planning.scene import resolve_scene
 from splatgl.reference import rays
 from splatgl.reference.blend import ADD, Band, Part, Sum, pixel_means
 from splatgl.reference.rays import Boxes, Pixels, pixel_boxes, splats_may_reach
-from splatgl.reference.renderer import render, render_pixels, resolve_scene
+from splatgl.reference.renderer import render, render_pixels
 from splatgl.splat.footprint import ROWS, Splat
 from splatgl.splat.kernels import kernel
 from splatgl.splat.line_integral import row1

@@ -11,7 +11,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.gl import renderer as renderers
+from splatgl.planning import plan as plans
 from splatgl.planning import scene as scenes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.adaptive_quality import FULL
@@ -59,7 +59,7 @@ def in_notebook(path: Path) -> None:
 @pytest.mark.parametrize("draw", [by_python, by_command, in_window, in_notebook])
 def test_a_picture_is_planned_once(draw: Callable[[Path], None], path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     planned, drawn = list[object](), list[object]()
-    plan, render = vars(scenes)["plan"], sg.Renderer.render
+    plan, render = plans.plan_layer, sg.Renderer.render
 
     def counted(*arguments: Any, **others: Any) -> Any:
         planned.append(arguments)
@@ -69,8 +69,8 @@ def test_a_picture_is_planned_once(draw: Callable[[Path], None], path: Path, mon
         drawn.append(arguments)
         return render(self, *arguments, **others)
 
-    monkeypatch.setattr(scenes, "plan", counted)
-    monkeypatch.setattr(renderers, "plan", counted)
+    monkeypatch.setattr(scenes, "plan_layer", counted)
+    monkeypatch.setattr(plans, "plan_layer", counted)
     monkeypatch.setattr(sg.Renderer, "render", rendered)
     draw(path)
     assert len(planned) == len(drawn) > 0
