@@ -184,7 +184,7 @@ def draw_parts(subject: Subject, renderer: sg.Renderer, name: str) -> np.ndarray
     shells = bricks.shells(plan.resolved.sheets, plan.view, 2)
     parts = [bricks.within(plan.resolved.sheets, plan.view, shell) for shell in shells]
     near, far = (renderer.render_part(part, subject.camera, settings) for part in parts)
-    joined = join_samples(plan.program.look.blend.join, near, far)
+    joined = join_samples(plan.program.look.join, near, far)
     return renderer.render_joined(bricks, subject.camera, settings, joined, 0).pixels
 
 

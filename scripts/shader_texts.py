@@ -243,7 +243,7 @@ class Recorder(Programs):
             self._tiles(program, around, most)
             return
         # layers and meshes are drawn in the order of depth
-        mixed = program.look.blend.ordered and (program.boxes or sheets is not None)
+        mixed = program.look.hides and (program.boxes or sheets is not None)
         for options in choices(("LIMITED", "SLOTTED") if mixed and program.boxes else (), most):
             self.for_splats(program, dict.fromkeys(options, True))
         for count in LAYERS * mixed:
@@ -251,7 +251,7 @@ class Recorder(Programs):
         if sheets is not None:
             for options in choices(("LIMITED", "PIECE") if mixed else (), most):
                 self.for_screen("sheet_close.frag", program, {**dict.fromkeys(options, True), **around})
-            if program.look.blend.one_value:
+            if program.look.shows_value:
                 self.for_screen("sheet_show.frag", program)
 
     def meshes(self) -> None:
@@ -284,7 +284,7 @@ class Recorder(Programs):
                 self.for_tiles(name, program, switches)
         drawing = "sheet_draw.comp" if sheets else "box_draw.comp" if program.boxes else "tile_draw.comp"
         # layers and meshes are drawn in the order of depth
-        mixed = program.look.blend.ordered and drawing != "tile_draw.comp"
+        mixed = program.look.hides and drawing != "tile_draw.comp"
         for options in choices(("CARRIED", "LIMITED", "LAYERED") if mixed else ("CARRIED",), most):
             self.for_tiles(drawing, program, {**dict.fromkeys(options, True), **around})
         for count in LAYERS * mixed:

@@ -35,7 +35,7 @@ from splatgl.scene.open_scene import OpenScene, provenance_of, without_backgroun
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FIT_ALL, FIT_OF_0_3
 from splatgl.splat.motion import Motion, flow_of
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.transfer.transfer import Transfer
 
@@ -194,7 +194,7 @@ class Animation:
         """
         job, only = self.job, self.only
         read = job.subject if only is None or job.flow is not None else lambda _: only
-        if self.unbounded:
+        if self.job.settings.is_sum:
             job = replace(job, top=job.brightest(renderer, self.probes, read))
         groups = [(number, list(group)) for number, group in groupby(todo, self.shown)]
         subjects = read_ahead(read, [number for number, _ in groups])
@@ -212,7 +212,7 @@ class Animation:
         from splatgl.distributed.cluster import spread
 
         job = replace(self.job, scenes=[scene.with_absolute_paths() for scene in self.job.scenes])
-        if self.unbounded:
+        if self.job.settings.is_sum:
             ((_, top),) = spread(client, _brightest, [("the brightest frame", (job, drawing, self.probes))])
             job = replace(job, top=top)
         items = ((f"frame {n}", (job, drawing, frames, self.view(n))) for n in todo)
@@ -221,11 +221,6 @@ class Animation:
     def view(self, frame: int) -> FrameView:
         """The number, volume, camera and motion of a frame."""
         return FrameView(frame, self.shown(frame), self.track.camera(frame), self.track.motion(frame))
-
-    @property
-    def unbounded(self) -> bool:
-        """Whether frames are sums, which share a scale."""
-        return BLENDS[self.job.settings.blend].unbounded
 
     @property
     def probes(self) -> list[tuple[int, Camera]]:
@@ -237,7 +232,7 @@ class Animation:
     def _sort(self, todo: Sequence[int]) -> None:
         """Sorts the splats of a single volume along all axes that frames need: memory use does not grow later."""
         splats = self.only.content if self.only is not None else None
-        if not isinstance(splats, Splats) or not BLENDS[self.job.settings.blend].ordered:
+        if not isinstance(splats, Splats) or not self.job.settings.hides:
             return
         some = todo[:: max(len(todo) // LOOKS, 1)]
         for axis in {order_for(splats, self.track.camera(n)).axis for n in some}:
@@ -432,7 +427,7 @@ class FrameJob:
         if over is not None:
             names = over.at(scene.load.get("time", view.volume))
             image = on_ground(annotated(image, over.subject, over.transfer, view.camera, names, ground, True), ground)
-        ground = ground if BLENDS[self.settings.blend].unbounded else None
+        ground = ground if self.settings.is_sum else None
         return frames.encoded(view.frame, image, self.bits, ground), notes
 
     def brightest(

@@ -141,7 +141,7 @@ def scene_from(args: argparse.Namespace, source: str | None = None) -> SceneFile
     path = Path(source)
     scene = SceneFile.from_toml(path) if path.suffix == ".toml" and not is_address(source) else SceneFile(source)
     scene = scene.with_options(**{**({} if array is None else {"array": array}), **given})
-    return scene.with_preset_blend() if "blend" in vars(args) and args.blend is None else scene
+    return scene.with_preset_blend() if vars(args).get("blend", "") is None else scene
 
 
 def volume_source(args: argparse.Namespace) -> tuple[str, dict[str, Any]]:

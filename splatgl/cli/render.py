@@ -48,12 +48,11 @@ def depth_at(text: str) -> float | str:
 def write_depths(scene: OpenScene, path: str, at: float | str | None) -> None:
     """Writes a depth map, and prints its range. at: as of `depths`."""
     from splatgl.reference.depth_map import HALF
-    from splatgl.splat.settings import BLENDS
 
     started = time.perf_counter()
-    camera, blend = scene.camera, BLENDS[scene.file.settings.blend]
+    camera, settings = scene.camera, scene.file.settings
     depth = depths_of(scene, at)
-    share = (blend.join if blend.one_value else HALF) if at is None else at
+    share = (settings.join if settings.shows_value else HALF) if at is None else at
     unit = scene.volume.unit or "units"
     info = {"version": __version__, "source": Path(scene.file.volume).name, "depth_at": share, "unit": unit}
     view = {"eye": camera.eye.tolist(), "forward": camera.forward.tolist(), "perspective": camera.perspective}

@@ -27,7 +27,7 @@ from splatgl.planning.resolve import check_blur_supported, extract_for_settings
 from splatgl.planning.scene import ResolvedScene, ScenePlan
 from splatgl.readers import load
 from splatgl.splat.motion import Moments, Motion
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import COMBINE, Settings
 from splatgl.splat.splats import Splats
 from splatgl.transfer.transfer import Transfer
 
@@ -98,7 +98,7 @@ def choose_level(
         return finest
     fine = replace(finest, boxes=len(boxes))
     # the tolerance of sums is relative to the brightest pixel
-    one = max(float(box.right.pixels.max()) for box in boxes) if BLENDS[settings.blend].unbounded else 1.0
+    one = max(settings.brightest(box.right.pixels) for box in boxes)
     own = _rmse([(box.image, box.right) for box in boxes])
     off, allowed = {0: own}, max(SLACK * own, settings.tolerance * one)
     for number in range(coarsest, 0, -1):
@@ -140,7 +140,7 @@ def _boxes(
 ) -> Iterator[_Box]:
     """Up to BOXES boxes that are not empty, those that the coarsest level changes most first."""
     found = 0
-    for first, last in changed_boxes(volume, coarsest, transfer, camera, settings.blend):
+    for first, last in changed_boxes(volume, coarsest, transfer, camera, settings):
         part = volume.part(zyx_index(first), zyx_index(last))
         near = _toward(camera, part)
         if near is None:
@@ -154,7 +154,7 @@ def _boxes(
                 return
 
 
-def changed_boxes(volume: Volume, coarsest: int, transfer: Transfer, camera: Camera, blend: str) -> np.ndarray:
+def changed_boxes(volume: Volume, coarsest: int, transfer: Transfer, camera: Camera, settings: Settings) -> np.ndarray:
     """int64 [n, 2, 3]: ends (x, y, z) of boxes of whole coarse voxels, of the whole volume or of PLACES distributed
     over it; those whose flat picture differs most at the level `coarsest` come first.
     """
@@ -167,7 +167,7 @@ def changed_boxes(volume: Volume, coarsest: int, transfer: Transfer, camera: Cam
     changes = []
     for first, last in boxes:
         parts = volume.part(zyx_index(first), zyx_index(last)), _cut(level, *_ends(volume, first, last))
-        changes.append(_change(*(flat_picture(part, transfer, blend, axis) for part in parts)))
+        changes.append(_change(*(flat_picture(part, transfer, settings, axis) for part in parts)))
     return boxes[np.argsort(changes, kind="stable")[::-1]]
 
 
@@ -192,14 +192,15 @@ def _ends(volume: Volume, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarr
     return low, high
 
 
-def flat_picture(part: Volume, transfer: Transfer, blend: str, axis: int) -> np.ndarray:
+def flat_picture(part: Volume, transfer: Transfer, settings: Settings, axis: int) -> np.ndarray:
     """[h, w, 4]: linear premultiplied picture of a volume along an axis of its grid, a column of voxels a pixel, for
     comparison with other levels: without shading and interpolation. axis: 0 is x.
     """
-    at, mode = 2 - axis, BLENDS[blend]
+    at = 2 - axis
     values = np.moveaxis(np.asarray(part.samples, np.float64), at, 0)
-    if mode.one_value:
-        value = np.mean(values, axis=0) if mode.join == "mean" else mode.combine.reduce(values, axis=0)
+    if settings.shows_value:
+        join = settings.join
+        value = np.mean(values, axis=0) if join == "mean" else COMBINE[join].reduce(values, axis=0)
         alpha = transfer.largest_opacity(value)[..., None]
         return np.concatenate([transfer.color(value) * alpha, alpha], axis=2)
     sizes = np.moveaxis(_magnitude(part), at, 0) if transfer.needs_gradients else np.zeros_like(values)
@@ -217,7 +218,7 @@ def flat_picture(part: Volume, transfer: Transfer, blend: str, axis: int) -> np.
         for surface, behind in zip(transfer.iso, surfaces, strict=True):
             matter += ((some > surface.value) != (before > surface.value))[..., None] * behind
         depth = matter[..., 3:]
-        if not mode.unbounded:
+        if not settings.is_sum:
             until = np.cumsum(depth, axis=0)
             matter *= passed * np.exp(depth - until) * -np.expm1(-depth) / np.where(depth > 0, depth, 1.0)
             passed = passed * np.exp(-until[-1])

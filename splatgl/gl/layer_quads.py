@@ -28,7 +28,6 @@ from splatgl.gl.tiles import bands_of
 from splatgl.gl.uniforms import base_of
 from splatgl.planning.culling import Window
 from splatgl.planning.plan import Plan
-from splatgl.splat.settings import BLENDS
 from splatgl.splat.sheets import NearField, index_direction
 from splatgl.splat.splats import Splats
 
@@ -381,7 +380,7 @@ class LayerQuads:
         self.texture.use(SLOTS_UNIT)
         target.framebuffer.use()
         target.framebuffer.scissor = window.box
-        use_blend(self.ctx, BLENDS["composite"])
+        use_blend(self.ctx)
         cover(program)
 
     def _emptied(self, slots: Slots) -> moderngl.Framebuffer:

@@ -20,7 +20,6 @@ from splatgl.gl.buffers import free, texel_texture
 from splatgl.gl.device import Device
 from splatgl.gl.program import cover, set_uniforms, use_blend
 from splatgl.gl.target import Target, check_size, settle
-from splatgl.splat.settings import BLENDS
 from splatgl.transfer.colormaps import map_places, map_tables
 
 # texture units of the nearest and farthest depths; volumes use the lower units
@@ -142,7 +141,7 @@ class Surfaces:
         matter.texture.use(MATTER_UNIT)
         surface.use(SURFACE_UNIT)
         target.framebuffer.use()
-        use_blend(self.ctx, BLENDS["composite"])
+        use_blend(self.ctx)
         cover(program)
         settle(self.ctx)
 

@@ -168,7 +168,7 @@ class Passes:
         """Returns the picture of joined samples of its parts, float32 [H, W, 4]."""
         target = self.targets.get("draw", plan.view.size, plan.target)
         target.texture.write(np.ascontiguousarray(samples, np.float32), (0, 0, *target.size))
-        if plan.program.look.blend.one_value:
+        if plan.program.look.shows_value:
             self._bind(whole, plan)
             if plan.program.technique == "tiles":
                 self.sheets.show(target, whole, plan)
@@ -200,7 +200,7 @@ class Passes:
             drawing.draw_batches(target, splats, plan, batches, portions)
             return
         look = plan.program.look
-        boxes = order_for(splats, plan.resolved.camera) if look.blend.ordered and not look.sheets else None
+        boxes = order_for(splats, plan.resolved.camera) if look.hides and not look.sheets else None
         order = DrawOrder(boxes, boxes is not None and plan.order == "front-to-back")
         kind = "sheets in " if plan.resolved.sheets else "boxes in " if plan.resolved.boxes else ""
         technique = f"{kind}{plan.program.technique}"

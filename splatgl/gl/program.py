@@ -14,7 +14,6 @@ from splatgl.gl.shader import ShaderError, Shape, compose, declared_switches
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING
 from splatgl.planning.plan import Program
 from splatgl.splat.kernels import kernel, polynomials, single_polynomial
-from splatgl.splat.settings import BlendMode
 
 Switches = Mapping[str, str | int | bool]
 Chosen = tuple[tuple[str, str | int | bool], ...]
@@ -22,17 +21,19 @@ Compiled: TypeAlias = moderngl.Program | moderngl.ComputeShader
 
 # maximum number of cached programs: a combination of settings needs about five, of 2 MB each with llvmpipe
 MOST_PROGRAMS = 48
+# how blends join values of which one remains
+EXTREMES = ("max", "min", "attenuated")
 
 
-def use_blend(ctx: moderngl.Context, mode: BlendMode, nearest_first: bool = True) -> None:
-    """Sets the blending of premultiplied fragments; extremes use the maximum (for a minimum, shaders write −value), and
-    the sum of optical depths as alpha.
+def use_blend(ctx: moderngl.Context, join: str = "over", nearest_first: bool = True) -> None:
+    """Sets the blending of premultiplied fragments, as a blend joins them; extremes use the maximum (for a minimum,
+    shaders write −value), and the sum of optical depths as alpha.
     """
     ctx.enable_only(moderngl.BLEND)
-    equation = moderngl.MAX if mode.extreme else moderngl.FUNC_ADD
-    alpha = moderngl.FUNC_ADD if mode.join == "attenuated" else equation
+    equation = moderngl.MAX if join in EXTREMES else moderngl.FUNC_ADD
+    alpha = moderngl.FUNC_ADD if join == "attenuated" else equation
     ctx.blend_equation = equation, alpha
-    if not mode.ordered:
+    if join != "over":
         ctx.blend_func = moderngl.ONE, moderngl.ONE
     elif nearest_first:
         ctx.blend_func = moderngl.ONE_MINUS_DST_ALPHA, moderngl.ONE
@@ -50,9 +51,9 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "CUBIC": seen.cubic,
         "HALF_LINE": seen.half_line,
         "SHADING": look.shading,
-        "JOIN": f"JOIN_{look.blend.join.upper()}",
+        "JOIN": f"JOIN_{look.join.upper()}",
         # values are means weighted by shares of the peak
-        "PEAK": look.blend.peak or look.steps > 0,
+        "PEAK": look.join == "max" or look.steps > 0,
         **({"SHEETS": look.sheets, "STEPS": look.steps} if look.sheets else {}),
         "ATTENUATION": f"ATTENUATION_{look.attenuation.upper().replace('-', '_')}",
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",

@@ -40,7 +40,7 @@ class Quads:
         if limits is not None:
             limits.use_in(program, splats.grid.mean_spacing)
         set_uniforms(program, half_table=HALF_LINE_UNIT, blur_table=BLUR_UNIT, **feature_uniforms(splats, plan))
-        use_blend(self.ctx, plan.program.look.blend, order.nearest_first)
+        use_blend(self.ctx, plan.program.look.join, order.nearest_first)
         target.framebuffer.use()
         for chunk in chunks((0, len(splats))):
             quads = self._instances(splats, plan, order, chunk)

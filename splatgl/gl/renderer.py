@@ -160,7 +160,7 @@ class Renderer:
         resolved = scene.resolved
         if resolved.is_single:
             return self._draw(chosen, interrupted=interrupted)
-        if not chosen.program.look.blend.ordered:
+        if resolved.is_joined:
             pictures = [self._draw(layer, interrupted=interrupted) for layer in scene.layers]
             return join_pictures(pictures, resolved.settings)
         layers = [(layer.splats, layer) for layer in scene.layers]
@@ -190,7 +190,7 @@ class Renderer:
         verify: whether a picture whose bound exceeds the tolerance is compared with that of the finest form.
         """
         chosen = scene.first
-        brightest = _brightest(pixels, chosen)
+        brightest = chosen.settings.brightest(pixels)
         known = bound(chosen.splats, chosen, pixels) if scene.resolved.is_single else None
         if known is None:
             return {"error_bound": None, "tolerance_met": None}
@@ -385,11 +385,6 @@ def _blur(chosen: Plan) -> dict[str, object]:
     if chosen.exposure is not None:
         return {"motion": chosen.program.motion, "shutter": chosen.exposure.frames * FULL_SHUTTER}
     return {"motion": "moments"} if chosen.moments else {}
-
-
-def _brightest(pixels: np.ndarray, chosen: Plan) -> float:
-    """The largest component of an X-ray, to which errors are relative; 1 for other blends."""
-    return float(pixels.max()) if chosen.program.look.blend.unbounded else 1.0
 
 
 def _finite(x: float) -> float | None:

@@ -23,7 +23,7 @@ from splatgl.gl.buffers import DrawOrder, Instances, free, texel_texture, uneven
 from splatgl.gl.device import Device
 from splatgl.gl.features import Uniforms
 from splatgl.gl.meshes import Limits
-from splatgl.gl.program import cover, set_uniforms, use_blend
+from splatgl.gl.program import EXTREMES, cover, set_uniforms, use_blend
 from splatgl.gl.quads import CORNERS
 from splatgl.gl.sheet_tiles import Batches, may_show, sheet_uniforms
 from splatgl.gl.target import Portions, Target, settle
@@ -32,7 +32,6 @@ from splatgl.gl.tiles import bands_of
 from splatgl.gl.uniforms import frame_block
 from splatgl.planning.culling import Window, screen_bounds
 from splatgl.planning.plan import Plan
-from splatgl.splat.settings import BLENDS, BlendMode
 from splatgl.splat.sheets import NearField, Sheets, index_direction
 from splatgl.splat.splats import Splats
 
@@ -128,7 +127,7 @@ class SheetQuads:
         groups = self.fill(picture, splats)
         for band in bands_of(Window(0, 0, *plan.view.size), MOST_PIXELS):
             self._draw_band(target, picture, band, [groups], portions)
-        if plan.program.look.blend.one_value:
+        if plan.program.look.shows_value:
             self.show(target, splats, plan)
 
     def draw_batches(self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions) -> None:
@@ -146,7 +145,7 @@ class SheetQuads:
             visible = functools.partial(is_visible, plan=plan, band=band)
             groups = (self.fill(picture, splats) for splats in batches.of(visible) if len(splats))
             self._draw_band(target, picture, band, groups, portions)
-        if plan.program.look.blend.one_value:
+        if plan.program.look.shows_value:
             self.show(target, whole, plan, partial=shell is not None)
 
     def begin(self, splats: Splats, plan: Plan, field: NearField | None, limits: Limits | None = None) -> Sheeted:
@@ -223,16 +222,16 @@ class SheetQuads:
     def _draw_band(
         self, target: Target, picture: Sheeted, band: Window, batches: Iterable[dict[int, Group]], portions: Portions
     ) -> None:
-        blend, into = picture.plan.program.look.blend, target.framebuffer
+        look, into = picture.plan.program.look, target.framebuffer
         self.bind(picture, band, (0, band.y))
-        if blend.one_value:
+        if look.shows_value:
             into = self.joined_target(target.size).framebuffer
-            into.clear(LEAST if blend.extreme else 0.0, viewport=band.box)
-        before = self._begin_before(target.size) if blend.join == "attenuated" else None
+            into.clear(LEAST if look.join in EXTREMES else 0.0, viewport=band.box)
+        before = self._begin_before(target.size) if look.join == "attenuated" else None
         try:
             for sheet, window in self.sweep(picture, band, batches, portions):
                 into.scissor = window.box
-                self.close(into, sheet, blend)
+                self.close(into, sheet, look.join)
                 if before is not None:
                     # within the scissor
                     self.ctx.copy_framebuffer(before, into)
@@ -242,22 +241,22 @@ class SheetQuads:
     def _add(self, ring: Ring, sheet: int, group: Group, portions: Portions) -> None:
         """Blends a group of splats into its sheets."""
         set_uniforms(self.adding, sheet=sheet)
-        use_blend(self.ctx, BLENDS["xray"])
+        use_blend(self.ctx, "sum")
         ring.open[sheet % ring.slots].use()
         for begin, end in portions.over(group.begin, group.end):
             vertices = self.instances.vertices(self.adding, begin)
             vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=end - begin)
 
-    def close(self, into: moderngl.Framebuffer, sheet: int, blend: BlendMode | None) -> None:
-        """Composites a sheet; with later classification, the matter around the sheet before it. blend: None: writes."""
+    def close(self, into: moderngl.Framebuffer, sheet: int, join: str | None) -> None:
+        """Composites a sheet; with later classification, the matter around the sheet before it. join: None: writes."""
         assert self.ring is not None
         set_uniforms(self.closing, sheet=sheet)
         self.ring.use(sheet)
         into.use()
-        if blend is None:
+        if join is None:
             self.ctx.enable_only(moderngl.NOTHING)
         else:
-            use_blend(self.ctx, blend)
+            use_blend(self.ctx, join)
         cover(self.closing)
 
     def show(self, target: Target, splats: Splats, plan: Plan, partial: bool = False) -> None:
@@ -275,7 +274,7 @@ class SheetQuads:
     def show_samples(self, target: Target, splats: Splats, plan: Plan, samples: np.ndarray) -> None:
         """Classifies the joined values of the parts of a picture, [H, W, 4]."""
         values = np.array(samples, np.float32)
-        if plan.program.look.blend.join == "min":
+        if plan.program.look.join == "min":
             # as blending by the maximum keeps them
             values[..., 0] *= -1.0
         self.joined_target(target.size).texture.write(values, (0, 0, *target.size), alignment=4)

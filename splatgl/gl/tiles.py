@@ -468,7 +468,7 @@ class SplatTiles:
             self.device.ctx.memory_barrier()
             lists[:, 1] = part[:, 2]
             lists, carried = lists[lists[:, 1] < lists[:, 2]], True
-        if plan.program.look.blend.ordered:
+        if plan.program.look.hides:
             open_ = np.frombuffer(flags.read(band.closed.size * 4), np.uint32)[part[:, 0]]
             band.closed[part[open_ == 0, 0]] = True
 

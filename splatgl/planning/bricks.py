@@ -31,7 +31,7 @@ from splatgl.splat.extract_values import box_records, boxes, gaps_of, post_splat
 from splatgl.splat.hidden_interior import HiddenInterior
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 from splatgl.splat.sheets import NearField, Sheets, near_box
 from splatgl.splat.splats import MOST_KEPT, Splats, record_type
 from splatgl.transfer.preintegration import ValueClassifier
@@ -389,7 +389,7 @@ def bricks_of(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks 
     if settings.classification == "pre" or why_only_pre(volume, transfer, 0.0) or why_per_splat(settings, moving=False):
         return None
     kernel = settings.kernel if settings.kernel != "auto" else POST_KERNEL
-    all_values = BLENDS[settings.blend].one_value
+    all_values = settings.shows_value
     return Bricks.of(volume, ValueClassifier.of(transfer.on(volume), kernel, volume.shape[::-1], all_values))
 
 

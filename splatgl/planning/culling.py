@@ -303,7 +303,7 @@ def visible_boxes(splats: Splats, resolved: Resolved) -> Splats:
     """Removes boxes of labels that others hide from every side, if the eye is outside and nothing is clipped; returns
     all splats otherwise. Caches the latest result.
     """
-    blended = not resolved.boxes or not resolved.look.blend.ordered or resolved.clip is not None
+    blended = not resolved.boxes or not resolved.look.hides or resolved.clip is not None
     if blended or len(splats) < FEW:
         return splats
     camera = resolved.camera

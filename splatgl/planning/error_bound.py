@@ -233,7 +233,7 @@ def bound(splats: Splats, plan: Plan, pixels: np.ndarray) -> Bound | None:
     if not len(splats):
         lost = _resolve_error(plan, 0.0)
         return Bound(0.0, 0.0, lost, lost)
-    blend, most = plan.program.look.blend, max(splats.brightest, 1.0)
+    look, most = plan.program.look, max(splats.brightest, 1.0)
     if plan.exposure is None:
         placement, met = _placement_error(splats, plan.view, plan), ray_overlap(splats, plan.view)
     else:
@@ -244,10 +244,10 @@ def bound(splats: Splats, plan: Plan, pixels: np.ndarray) -> Bound | None:
     brightest_pixel = _largest_pixel(splats, plan, met) * most
     # 8 bits clamp values over 1
     cut = plan.target == "rgba8" and brightest_pixel > 1.0
-    opacity = _largest_alpha(plan, pixels, met) if blend.ordered else 1.0
-    brightest = brightest_pixel if cut or not blend.unbounded else float(pixels.max())
-    scale = {"over": most * opacity, "sum": brightest, "max": brightest_pixel}[blend.join]
-    footprint = _footprint_error(splats, plan, placement, met, opacity if blend.ordered else brightest / most) * most
+    opacity = _largest_alpha(plan, pixels, met) if look.hides else 1.0
+    brightest = brightest_pixel if cut or not look.is_sum else float(pixels.max())
+    scale = {"over": most * opacity, "sum": brightest, "max": brightest_pixel}[look.join]
+    footprint = _footprint_error(splats, plan, placement, met, opacity if look.hides else brightest / most) * most
     footprint += _displacement_error(splats, plan, opacity) * most
     rounding, lost = _rounding_error(plan, scale, met.count), _resolve_error(plan, scale)
     hidden = (_hidden_light(plan, pixels, opacity) + LIGHT * (splats.hollow > 0)) * most
@@ -259,10 +259,10 @@ def bound(splats: Splats, plan: Plan, pixels: np.ndarray) -> Bound | None:
 
 def _largest_difference(plan: Plan, pixels: np.ndarray, right: float) -> float:
     """The largest difference of two pictures without negative values: the largest value of either. right: of one."""
-    if plan.resolved.background is None or plan.program.look.blend.unbounded:
+    if plan.resolved.behind is None:
         return max(right, float(pixels.max())) + max(-float(pixels.min()), 0.0)
     # rounding up, or a form that overestimates a ray's length, makes pixels brighter than the true maximum
-    longer = 1.0 if plan.program.look.blend.ordered else _longest(plan)
+    longer = 1.0 if plan.program.look.hides else _longest(plan)
     return right * longer + TARGET[plan.target][1]
 
 
@@ -290,11 +290,11 @@ def _largest_alpha(plan: Plan, pixels: np.ndarray, met: RayOverlap) -> float:
 
 def _rounding_error(plan: Plan, scale: float, count: float) -> float:
     """Error of `count` blends of numbers up to `scale`."""
-    blend, (share, least) = plan.program.look.blend, TARGET[plan.target]
+    look, (share, least) = plan.program.look, TARGET[plan.target]
     once = max(_next_power_of_two(scale) * share, least)
-    if blend.join == "max":
+    if look.join == "max":
         return once
-    return once * count * (OVER if blend.ordered and plan.target == "rgba32f" else 1.0)
+    return once * count * (OVER if look.hides and plan.target == "rgba32f" else 1.0)
 
 
 def _hidden_light(plan: Plan, pixels: np.ndarray, opacity: float) -> float:
@@ -347,10 +347,10 @@ def _streak_errors(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[Plac
 
 def _largest_pixel(splats: Splats, plan: Plan, met: RayOverlap) -> float:
     """An upper bound on the right pixel values, over a background on all, for colours up to 1."""
-    if plan.program.look.blend.peak:
+    if plan.program.look.join == "max":
         return min(_largest_opacity(splats) * (1 + ROUNDED), 1.0)
     depth = met.light * _largest_integral(plan) * (1 + ROUNDED)
-    if not plan.program.look.blend.ordered:
+    if not plan.program.look.hides:
         return depth
     plain = plan.exposure is None and plan.resolved.background is None
     return min(float(-np.expm1(-depth)) * (1 + ROUNDED), 1.0) if plain else 1.0
@@ -373,7 +373,7 @@ def _resolve_error(plan: Plan, scale: float) -> float:
     1 − α, their product and the sum.
     """
     lost = (2 * plan.samples + 9) * ULP / 2 * scale if plan.resolved.averaged else 0.0
-    if plan.resolved.background is not None and not plan.program.look.blend.unbounded:
+    if plan.resolved.behind is not None:
         lost += ULP * _next_power_of_two(max(scale, 1.0))
     return lost
 
@@ -385,16 +385,16 @@ def _next_power_of_two(largest: float) -> float:
 
 def _footprint_error(splats: Splats, plan: Plan, placement: PlacementError, met: RayOverlap, largest: float) -> float:
     """Total error of all fragments of a ray, for colours up to 1. largest: opacity or sum of a pixel."""
-    program, blend, half_line = plan.program, plan.program.look.blend, plan.program.seen.half_line
+    program, look, half_line = plan.program, plan.program.look, plan.program.seen.half_line
     # a highlight is a power of a cosine
     arithmetic = ARITHMETIC * 2.0**program.look.light.sharpness + GATHERED * (program.technique == "tiles")
-    if blend.peak:
+    if look.join == "max":
         most = _largest_opacity(splats)
         missed = min(float(_deviation(plan.lookup, placement).max()) * most, _peak_error(splats, plan))
         return min(missed + (HALF_LINE * half_line + arithmetic) * most, 1.0)
     # an X-ray is a plain sum
     weight, deep = largest, met.depth
-    if blend.ordered:
+    if look.hides:
         mixed = 0.25 if largest > 0.5 or plan.resolved.background is not None else largest * (1 - largest)
         weight = min(mixed + largest / 4, largest)
     if program.motion != "off" and program.look.attenuation == "fill":

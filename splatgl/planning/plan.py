@@ -30,7 +30,7 @@ from splatgl.planning.technique import (
 from splatgl.splat.kernels import BOX, Kernel, has_negative
 from splatgl.splat.motion import Exposure, Motion, count_moments
 from splatgl.splat.motion_blur import MOTIONS
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats, is_points
 from splatgl.transfer.regions import describe_regions
 
@@ -264,9 +264,9 @@ class Plan:
 
     def explain(self) -> str:
         """A description of the plan, one line per decision."""
-        p, blend, resolved = self.program, self.program.look.blend, self.resolved
+        p, resolved = self.program, self.resolved
         lines = [
-            f"blend {blend.name}, {'perspective' if p.seen.perspective else 'orthographic'}, target {self.target}",
+            f"blend {p.look.blend}, {'perspective' if p.seen.perspective else 'orthographic'}, target {self.target}",
             f"footprint {self.kernel.name}, {self.table}",
             f"align {p.align}" + (f", switch to grid-aligned at z_s = {self.z_s:.6g}" if p.align == "hybrid" else ""),
             f"antialias {self.antialias}, z_k = {resolved.z_k:.6g}, "
@@ -276,7 +276,7 @@ class Plan:
             lines.append(resolved.sheets.explain())
         if p.look.regions and self.splats.post is not None:
             lines.append(describe_regions(self.splats.post.transfer.regions))
-        if blend.ordered:
+        if p.look.hides:
             lines.append(f"attenuation {p.look.attenuation}, {self.order}")
         rows = f"rows {self.window.y} to {self.window.y + self.window.height}"
         lines.append(f"{p.technique}, read back from {rows}: nothing reaches the others")
@@ -314,7 +314,7 @@ def plan_layer(layer: ResolvedLayer, tiles: bool | None) -> Plan:
     # sheets sort all splats at a time, and take the exponential itself: other opacities compile nothing
     whole = resolved.sheets is not None or resolved.boxes
     hiding = Hiding()
-    if kind == "tiles" and look.blend.ordered and settings.occlusion != "off":
+    if kind == "tiles" and look.hides and settings.occlusion != "off":
         cutoff = SHARE * settings.tolerance / max(splats.brightest, 1.0)
         hiding = Hiding(depth_batches(splats, view, bounds, whole), cutoff)
     program = Program(
@@ -361,7 +361,7 @@ def _half_line(splats: Splats, view: GridView, align: str, exposure: Exposure | 
 
 
 def _order(settings: Settings, kind: str, sheets: bool, notes: list[str]) -> str:
-    if not sheets and not BLENDS[settings.blend].ordered:
+    if not sheets and not settings.hides:
         notes.append(f"ordering left out: {settings.blend} is the same in any order, but for float32's rounding")
     if settings.order != "auto":
         return settings.order
@@ -370,5 +370,5 @@ def _order(settings: Settings, kind: str, sheets: bool, notes: list[str]) -> str
 
 def _target(settings: Settings) -> str:
     """The format of the framebuffer; sums exceed 8 bits."""
-    is_float = settings.target == "auto" or (settings.target == "rgba8" and BLENDS[settings.blend].unbounded)
+    is_float = settings.target == "auto" or (settings.target == "rgba8" and settings.is_sum)
     return "rgba32f" if is_float else settings.target

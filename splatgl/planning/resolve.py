@@ -23,7 +23,7 @@ from splatgl.splat.hidden_interior import LIGHT, TOLERANCE
 from splatgl.splat.kernels import BOX, FREE, Kernel, has_negative, kernel
 from splatgl.splat.lighting import LIGHTS, Light
 from splatgl.splat.motion_blur import MOTIONS
-from splatgl.splat.settings import BLENDS, BlendMode, Motions, Settings
+from splatgl.splat.settings import Blend, Blending, Motions, Settings
 from splatgl.splat.sheets import MOST_SHEETS, Sheets
 from splatgl.splat.splats import MOST_KEPT, Splats
 from splatgl.transfer.transfer import Transfer
@@ -49,7 +49,7 @@ END_CORRECTION = 1 / 24
 
 
 @dataclass(frozen=True)
-class Appearance:
+class Appearance(Blending):
     """Appearance of splats. attenuation: opacity, optical-depth or fill. shading: whether splats are lit.
 
     sheets: sheets that share a splat; 0: splats composite one by one. steps: parts of a sheet, each classified
@@ -59,7 +59,7 @@ class Appearance:
     ambient and direct light.
     """
 
-    blend: BlendMode
+    blend: Blend
     attenuation: str
     shading: bool
     sheets: int = 0
@@ -109,7 +109,7 @@ class Resolved:
     @property
     def behind(self) -> tuple[float, ...] | None:
         """The background in the light that is mixed; None if it is transparent, and of sums."""
-        if self.background is None or self.look.blend.unbounded:
+        if self.background is None or self.look.is_sum:
             return None
         return tuple(srgb_from_linear(np.array(self.background)).tolist()) if self.display else self.background
 
@@ -137,7 +137,7 @@ class Resolved:
             "eye": camera.eye.tolist(),
             **dict(zip(("right", "down", "forward"), camera.eye_from_world.tolist(), strict=True)),
             "extent": camera.extent,
-            "blend": self.look.blend.name,
+            "blend": self.look.blend,
             "kernel": self.kernel.name,
             "antialias": self.view.antialias,
             "samples": self.samples,
@@ -175,15 +175,15 @@ class Resolved:
         beyond, unsure = widening(splats, view)
         sheets = _sheets(splats, settings, view, moving, notes)
         # widened weights of means need no attenuation
-        after, blend = sheets is not None and sheets.steps > 0, BLENDS[settings.blend]
+        after = sheets is not None and sheets.steps > 0
         clip, mask = (Clip.of(settings.clip, splats.grid) if after or boxes else None), (splats.mask if after else None)
         look = Appearance(
-            blend,
+            settings.blend,
             attenuation="optical-depth" if after else attenuation_form(settings, antialias or moving),
             shading=lit,
             sheets=sheets.count if sheets else 0,
             steps=sheets.steps if sheets else 0,
-            weighted=splats.post is not None and bool(splats.post.transfer.gradient) and not blend.one_value,
+            weighted=splats.post is not None and bool(splats.post.transfer.gradient) and not settings.shows_value,
             regions=splats.post is not None and bool(splats.post.transfer.regions),
             clipped=clip is not None,
             masked=mask is not None,
@@ -208,7 +208,7 @@ class Resolved:
             clip=clip,
             mask=mask,
             cues=cues,
-            allowed=_allowed(splats, settings, samples, pixel) if after and blend.ordered and not antialias else 0.0,
+            allowed=_allowed(splats, settings, samples, pixel) if after and settings.hides and not antialias else 0.0,
             mip_attenuation=settings.mip_attenuation,
             display=splats.display,
         )
@@ -234,7 +234,7 @@ def _check_sum(name: str, splats: Splats, settings: Settings, moving: bool) -> N
     """
     this = "blend xray of still voxels classified before, where depths add up"
     how = ", classified after" * (splats.post is not None) + ", motion blur" * moving
-    if BLENDS[settings.blend].join != "sum" or how:
+    if not settings.is_sum or how:
         got = f"blend {settings.blend}{how}"
         raise expected(f"kernel {name}, which is negative somewhere", this, got, "b-spline is sharp without that")
 
@@ -248,14 +248,14 @@ def _sheets(splats: Splats, settings: Settings, view: GridView, moving: bool, no
     if view.kernel is BOX:
         return None
     why = None if settings.compositing == "sheets" else why_per_splat(settings, moving)
-    if not post and (why or moving or not BLENDS[settings.blend].ordered):
-        if why and settings.compositing == "auto" and BLENDS[settings.blend].ordered:
+    if not post and (why or moving or not settings.hides):
+        if why and settings.compositing == "auto" and settings.hides:
             notes.append(f"sheets left out: {why} takes splats one by one; the picture would be another")
         return None
     if settings.attenuation == "opacity":
         raise expected("attenuation", "optical-depth or fill, which add up within sheets", "opacity")
     count, steps = next((count, steps) for tolerance, count, steps in SHEETS if settings.tolerance >= tolerance)
-    if BLENDS[settings.blend].one_value:
+    if settings.shows_value:
         steps = ONE_VALUE_STEPS
     sheets = Sheets.of(view.kernel, settings.sheets or count, (settings.steps or steps) if post else 0)
     first, last = sheets.range(splats, view)
@@ -269,27 +269,27 @@ def _sheets(splats: Splats, settings: Settings, view: GridView, moving: bool, no
 
 
 def _check_classification(splats: Splats, settings: Settings, moving: bool) -> None:
-    post, blend = splats.post, BLENDS[settings.blend]
+    post, shows_value = splats.post, settings.shows_value
     if settings.classification not in ("auto", "post" if post else "pre"):
         raise InputError(
             f"classification {settings.classification}: the splats were extracted to be classified "
             f"{'after' if post else 'before'} reconstruction; extract them with that classification"
         )
-    if post is not None and blend.one_value and post.transfer.regions:
+    if post is not None and shows_value and post.transfer.regions:
         raise expected("blend", "composite or xray with regions over gradients", settings.blend, "state points instead")
-    if blend.post_only if post is None else blend.one_value and not post.every:
+    if settings.needs_values if post is None else shows_value and not post.every:
         raise InputError(
-            f"blend {blend.name} takes all voxels, classified after reconstruction: "
+            f"blend {settings.blend} takes all voxels, classified after reconstruction: "
             'render with --classification post, extract with classification="post-all"'
         )
     if post and moving:
         raise InputError(
             "streaks take splats that are classified before reconstruction: extract them so, or use motion auto"
         )
-    if post and post.transfer.iso and not blend.ordered:
-        raise expected("blend", "composite, as there are iso-surfaces", blend.name)
-    if post and blend.one_value and settings.shading == "on":
-        raise expected("shading", f"auto or off, as {blend.name} shows values, not surfaces", "on")
+    if post and post.transfer.iso and not settings.hides:
+        raise expected("blend", "composite, as there are iso-surfaces", settings.blend)
+    if post and shows_value and settings.shading == "on":
+        raise expected("shading", f"auto or off, as {settings.blend} shows values, not surfaces", "on")
 
 
 def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
@@ -336,7 +336,7 @@ def _shading(splats: Splats, settings: Settings, notes: list[str]) -> bool:
     """Whether splats are shaded, by the settings or the transfer function."""
     if settings.shading != "auto":
         return settings.shading == "on"
-    if splats.shaded and not BLENDS[settings.blend].ordered:
+    if splats.shaded and not settings.hides:
         notes.append(f"shading left out: {settings.blend} shows values, not surfaces; the picture would be another")
         return False
     return splats.shaded
@@ -354,7 +354,7 @@ def _cues(splats: Splats, camera: Camera, settings: Settings, light: Light, note
     names = [name for name in ("ambient_occlusion", "shadows") if getattr(settings, name) > 0]
     if not names or not len(splats):
         return None
-    if not BLENDS[settings.blend].ordered:
+    if not settings.hides:
         why = f"{settings.blend} shows values, not surfaces; the picture would be another"
         notes.append(f"{' and '.join(names).replace('_', ' ')} left out: {why}")
         return None
@@ -375,7 +375,7 @@ def attenuation_form(settings: Settings, weakened: bool) -> str:
     """The form of attenuation. Forms differ only in composite, and before z_k only under motion. fill is the closest to
     supersampling, measured on walls, edges, threads, dots, fog and real volumes.
     """
-    if not BLENDS[settings.blend].ordered or not weakened:
+    if not settings.hides or not weakened:
         return "optical-depth"
     return "fill" if settings.attenuation == "auto" else settings.attenuation
 
@@ -402,14 +402,14 @@ def why_not_front_to_back(settings: Settings) -> str | None:
     """The setting that prevents float32, front-to-back order or radial footprints; None if there is none."""
     if settings.target not in ("auto", "rgba32f"):
         return f"target {settings.target}"
-    if BLENDS[settings.blend].ordered and settings.order == "back-to-front":
+    if settings.hides and settings.order == "back-to-front":
         return "order back-to-front"
     return _why_table(settings) or None
 
 
 def has_streaks(settings: Settings) -> bool:
     """Whether the settings request streaks; blends of one value have none."""
-    return settings.motion in MOTIONS and not BLENDS[settings.blend].one_value
+    return settings.motion in MOTIONS and not settings.shows_value
 
 
 def draws_boxes(splats: Splats, settings: Settings, moving: bool) -> bool:
@@ -428,7 +428,7 @@ def blur_form(splats: Splats, settings: Settings) -> Motions:
     classified after reconstruction, and boxes of labels, have no streaks.
     """
     if settings.motion == "auto":
-        if not BLENDS[settings.blend].unbounded:
+        if not settings.is_sum:
             return "moments"
         selected = select_splats(splats, settings, moving=True)
         return "exact" if selected.post is None and not draws_boxes(selected, settings, False) else "moments"
@@ -457,13 +457,13 @@ def extraction_kind(settings: Settings, moving: bool, why: str | None, voxels: i
 
     why: reason for `pre`, see `why_only_pre`. voxels: number of voxels of the volume.
     """
-    blend, how = BLENDS[settings.blend], settings.classification
+    how = settings.classification
     if how == "auto":
-        is_pre = why or why_per_splat(settings, moving) or (blend.one_value and voxels > MOST_KEPT)
-        how = "pre" if is_pre and not blend.post_only else "post"
+        is_pre = why or why_per_splat(settings, moving) or (settings.shows_value and voxels > MOST_KEPT)
+        how = "pre" if is_pre and not settings.needs_values else "post"
     if how == "pre":
         return how, ""
-    return "post-all" if blend.one_value else how, settings.kernel if settings.kernel != "auto" else POST_KERNEL
+    return "post-all" if settings.shows_value else how, settings.kernel if settings.kernel != "auto" else POST_KERNEL
 
 
 def extract_for_settings(
@@ -534,7 +534,7 @@ def reach_outside(splats: Splats, settings: Settings, camera: Camera | None) -> 
     """
     cut = settings.clip or settings.ambient_occlusion > 0 or settings.shadows > 0
     exact = settings.occlusion == "off" or settings.tolerance < TOLERANCE
-    if camera is None or cut or exact or not BLENDS[settings.blend].ordered or not len(splats):
+    if camera is None or cut or exact or not settings.hides or not len(splats):
         return 0
     if camera.perspective:
         eye = splats.grid.index_from_world(camera.eye)

@@ -38,7 +38,7 @@ from splatgl.planning.resolve import (
 from splatgl.planning.unused import unused_settings
 from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.transfer.presets import SOLID, SURFACE, default_transfer, preset, slice_colors
 from splatgl.transfer.transfer import Transfer
@@ -62,10 +62,10 @@ def channel_colors(channels: Sequence[Volume]) -> list[str]:
     return colors
 
 
-def channel_opacity(volume: Volume, blend: str) -> float:
-    """Opacity of the brightest values of a channel in a blend: SOLID where a pixel shows one value of its ray."""
+def channel_opacity(volume: Volume, settings: Settings) -> float:
+    """Opacity of the brightest values of a channel: SOLID where a pixel shows one value of its ray."""
     through = float(np.clip(-np.expm1(-THROUGH / volume.shortest), LEAST, SURFACE))
-    return SOLID if BLENDS[blend].one_value else through
+    return SOLID if settings.shows_value else through
 
 
 def channel_transfers(
@@ -73,19 +73,19 @@ def channel_transfers(
     colors: Mapping[str, str],
     windows: Mapping[str, tuple[float, float]],
     bases: Sequence[Transfer] | None = None,
-    blend: str = "composite",
+    settings: Settings | None = None,
 ) -> list[Transfer]:
     """Transfer functions of a volume's channels: unshaded ramps over a window in a colour.
 
     colors, windows: by name or number of the channel, instead of those of the file. bases: transfer function of each
-    channel, whose ramps channels without a window have; None: the preset microscopy. blend: where a pixel shows one
+    channel, whose ramps channels without a window have; None: the preset microscopy. settings: where a pixel shows one
     value of its ray, ramps reach SOLID, else matter behind shows through. Raises InputError for an unknown channel.
     """
     names = [channel.name for channel in volume.channels]
     for name in (*colors, *windows):
         if name not in names and name not in map(str, range(len(names))):
             raise expected("channel", f"one of {', '.join(names)}", repr(name))
-    full = channel_opacity(volume, blend)
+    full = channel_opacity(volume, settings or Settings())
     transfers, usual = [], channel_colors(volume.channels)
     for number, channel in enumerate(volume.channels):
         keys = (channel.name, str(number))
@@ -403,6 +403,11 @@ class ResolvedScene:
         """Whether the picture shows a single layer and no mesh: only then an error bound is known."""
         return len(self.layers) < 2 and not self.meshes
 
+    @property
+    def is_joined(self) -> bool:
+        """Whether layers are drawn apart, and their pictures joined."""
+        return not self.is_single and not self.settings.hides
+
 
 @dataclass(frozen=True, eq=False)
 class ScenePlan:
@@ -470,14 +475,13 @@ def resolve_scene(
     if motion is not None and not motion.still:
         check_blur_supported("of layers", settings, motion.flow is not None)
         changes = {"motion": "off", "moments": count_layer_moments(layers, camera, settings, motion)}
-    is_ordered = BLENDS[settings.blend].ordered
-    if not is_ordered:
-        if meshes:
-            raise expected("meshes", "blend composite", settings.blend)
+    if meshes:
+        settings.require_composite("meshes")
+    if not settings.hides:
         changes["background"] = None
     layers = common_samples(layers, camera, settings)
     shown = [ResolvedLayer.of(splats, camera, replace(look, **changes), motion) for splats, look in layers]
-    return ResolvedScene(_composited(shown) if is_ordered else tuple(shown), settings, meshes)
+    return ResolvedScene(_composited(shown) if settings.hides else tuple(shown), settings, meshes)
 
 
 def _composited(layers: Sequence[ResolvedLayer]) -> tuple[ResolvedLayer, ...]:
@@ -518,7 +522,7 @@ def common_samples(
     layers: Sequence[tuple[Splats, Settings]], camera: Camera, settings: Settings
 ) -> list[tuple[Splats, Settings]]:
     """Layers that composite together, with the same samples a pixel: the most that a layer needs."""
-    if settings.antialias != "auto" or len(layers) < 2 or not BLENDS[settings.blend].ordered:
+    if settings.antialias != "auto" or len(layers) < 2 or not settings.hides:
         return list(layers)
     samples = {
         samples_per_pixel(look, farthest_pixel(clip_behind_eye(splats, camera), camera), camera.size, [])
@@ -531,7 +535,7 @@ def common_samples(
 
 def _check_composited(resolved: Resolved, name: str) -> None:
     """Raises InputError for a layer that composites splat by splat, whose order among other layers is unknown."""
-    if resolved.look.blend.ordered and resolved.sheets is None and not resolved.boxes:
+    if resolved.sheets is None and not resolved.boxes:
         why = next((note for note in resolved.notes if note.startswith("sheets")), "compositing splats was asked for")
         raise InputError(f"layer {name or 'without a name'}: layers composite in sheets, not splat by splat; {why}")
     if resolved.display:
@@ -542,9 +546,8 @@ def join_pictures(pictures: Sequence[np.ndarray], settings: Settings) -> np.ndar
     """Joins pictures [H, W, 4] of layers, without backgrounds, in blends without an order: sums add up; in other blends
     light adds up and transmittances multiply.
     """
-    blend = BLENDS[settings.blend]
     added = np.sum(pictures, axis=0)
-    if blend.unbounded:
+    if settings.is_sum:
         return np.asarray(added)
     clear = np.prod([1.0 - picture[..., 3] for picture in pictures], axis=0)
     added[..., 3] = 1.0 - clear

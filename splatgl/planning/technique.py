@@ -18,7 +18,7 @@ from splatgl.planning.culling import ScreenBounds
 from splatgl.planning.resolve import has_radial_footprints, why_not_front_to_back
 from splatgl.splat.footprint import switch_depth
 from splatgl.splat.kernels import Kernel, kernel, polynomials
-from splatgl.splat.settings import BLENDS, Settings, choices
+from splatgl.splat.settings import Settings, choices
 from splatgl.splat.splats import Splats
 
 # one level of an 8-bit picture
@@ -117,7 +117,7 @@ def _why_not_streaks(request: Request) -> str | None:
         return "a still"
     if request.sheets:
         return "sheets"
-    if BLENDS[request.settings.blend].join == "max":
+    if request.settings.shows_value:
         return "the mean of maxima is no maximum of streaks"
     return None
 
@@ -181,7 +181,7 @@ def table_of_refusals() -> list[tuple[str, ...]]:
                 continue
             change: dict[str, Any] = {name: value}
             settings = Settings().but(**change)
-            post = settings.classification == "post" or BLENDS[settings.blend].post_only
+            post = settings.classification == "post" or settings.needs_values
             sheets = post or settings.compositing == "sheets"
             reasons = [why(Request(settings, name_ == "streaks", True, sheets)) for name_, why in TECHNIQUES.items()]
             if any(reasons):

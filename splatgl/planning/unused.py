@@ -50,7 +50,7 @@ class Use:
     @property
     def skips_hidden(self) -> bool:
         """Whether hidden splats are skipped, unless the settings say otherwise."""
-        return self.look.blend.ordered and self.plan.program.technique == "tiles"
+        return self.look.hides and self.plan.program.technique == "tiles"
 
 
 # settings, whether the plan of a layer uses them, and the reason if no layer does
@@ -63,7 +63,7 @@ NEEDS: tuple[tuple[tuple[str, ...], Callable[[Use], bool], str], ...] = (
         lambda use: use.plan.program.align == use.given.align,
         "in a parallel view all alignments are the same",
     ),
-    (("mip_attenuation",), lambda use: use.given.blend == "attenuated-mip", "blend is not attenuated-mip"),
+    (("mip_attenuation",), lambda use: use.look.join == "attenuated", "blend is not attenuated-mip"),
     (("table_size",), lambda use: use.plan.program.footprint in ("table", "radial"), "footprints are no table"),
     (("kernel",), lambda use: use.given.kernel in (use.plan.kernel.name, FREE), "voxels of labels are drawn as boxes"),
     (("shading",), lambda use: use.given.shading == "off" or use.is_lit or use.meshes, "there are no surfaces"),
@@ -94,7 +94,7 @@ NEEDS: tuple[tuple[tuple[str, ...], Callable[[Use], bool], str], ...] = (
         "antialias is not paper, or every splat is nearer than z_k",
     ),
     (("target",), lambda use: use.given.target in ("auto", use.plan.target), "sums of optical depth exceed 8 bits"),
-    (("order",), lambda use: use.look.blend.ordered, "the blend has no order"),
+    (("order",), lambda use: use.look.hides, "the blend has no order"),
     (("occlusion",), lambda use: use.skips_hidden, "only tiles of blend composite skip hidden splats"),
 )
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.color import light_of_display
-from splatgl.planning.resolve import END_CORRECTION, Resolved
-from splatgl.splat.settings import COMBINE, BlendMode
+from splatgl.planning.resolve import END_CORRECTION, Appearance, Resolved
+from splatgl.splat.settings import COMBINE
 from splatgl.transfer.transfer import Transfer
 
 # largest opacity below 1: limits the paper's attenuation of an opaque splat that is widened by rounding only
@@ -107,9 +107,9 @@ def add_max(band: Band, part: Part) -> None:
 ADD: dict[str, Callable[[Band, Part], None]] = {"over": add_over, "sum": add_sum, "max": add_max}
 
 
-def pixels(band: Band, blend: BlendMode) -> np.ndarray:
+def pixels(band: Band, look: Appearance) -> np.ndarray:
     """float64 [n, 4], premultiplied."""
-    alpha = -np.expm1(-band.depth.value) if blend.ordered else band.depth.value
+    alpha = -np.expm1(-band.depth.value) if look.hides else band.depth.value
     return np.concatenate([band.color.value, alpha[:, None]], axis=1)
 
 

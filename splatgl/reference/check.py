@@ -31,7 +31,7 @@ from splatgl.planning.bricks import Bricks
 from splatgl.planning.scene import ResolvedScene, Scene, resolve_scene
 from splatgl.reference.field import kept_field_integral
 from splatgl.reference.renderer import reachable, reachable_of, render_pixels, render_pixels_of
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 
 # probability that a statement is wrong
@@ -174,7 +174,7 @@ def compare_sample(
     places, exact = np.append(wanted, wrong), np.concatenate([draw(wanted), np.tile(nothing, (len(wrong), 1))])
     square = (flat[places] - exact) ** 2
     error = np.sqrt(square.max(axis=1))
-    allowed = settings.tolerance * (float(flat.max()) if BLENDS[settings.blend].unbounded else 1.0)
+    allowed = settings.tolerance * settings.brightest(flat)
     drawn_above, above = int(times[error[: len(wanted)] > allowed].sum()), int((error[len(wanted) :] > allowed).sum())
     is_whole = count == len(sampling.order)
     part = times / (1.0 if is_whole else sampling.weights[wanted])
@@ -199,11 +199,11 @@ def compare_sample(
 
 def _empty(settings: Settings) -> np.ndarray:
     """[4]: the pixel that no splat reaches."""
-    if settings.ground is None or BLENDS[settings.blend].unbounded:
+    if settings.backdrop is None:
         return np.zeros(4)
     if not settings.mixes_display:
-        return np.array([*settings.ground, 1.0])
-    return light_of_display(np.array([*srgb_from_linear(np.array(settings.ground)), 1.0], np.float32))
+        return np.array([*settings.backdrop, 1.0])
+    return light_of_display(np.array([*srgb_from_linear(np.array(settings.backdrop)), 1.0], np.float32))
 
 
 def _affordable(sampling: Sampling, draw: Drawn, seconds: float) -> int:
@@ -308,7 +308,7 @@ def _tiles(height: int, width: int) -> np.ndarray:
 
 def _is_visible(pixels: np.ndarray, settings: Settings) -> np.ndarray:
     """bool [H, W]: which pixels show more than the background."""
-    if settings.ground is None or BLENDS[settings.blend].unbounded:
+    if settings.backdrop is None:
         return np.asarray(pixels[..., 3] > 0)
-    off = [np.abs(pixels[..., n] - np.float64(color)) > UNSEEN for n, color in enumerate(settings.ground)]
+    off = [np.abs(pixels[..., n] - np.float64(color)) > UNSEEN for n, color in enumerate(settings.backdrop)]
     return np.asarray(off[0] | off[1] | off[2])

@@ -13,7 +13,7 @@ from splatgl.geometry.camera import Camera
 from splatgl.planning.scene import Layer, Scene
 from splatgl.reference.march import LayerRays, SurfaceRays, absorb, fields_of
 from splatgl.reference.one_value import Shown
-from splatgl.splat.settings import BLENDS, Blend, Settings
+from splatgl.splat.settings import Blend, Settings
 from splatgl.transfer.transfer import Transfer
 
 # rays per thread, and maximum number of threads
@@ -70,7 +70,7 @@ def _parse_at(at: At | None, settings: Settings) -> tuple[float | None, Settings
     if isinstance(at, str) and at in SEARCHED:
         return None, settings.but(blend=SEARCHED[at])
     if at is None:
-        return (None if BLENDS[settings.blend].one_value else HALF), settings
+        return (None if settings.shows_value else HALF), settings
     if isinstance(at, str) or not 0 <= float(at) <= MOST_SHARE:
         raise expected("at", "a share from 0 to below 1, max or min", repr(at)[:80])
-    return float(at), settings.but(blend="composite") if BLENDS[settings.blend].one_value else settings
+    return float(at), settings.absorbing

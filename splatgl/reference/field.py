@@ -10,12 +10,12 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import cast
 
 import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
-from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.clipping import FACE, Clip
 from splatgl.geometry.grid import Grid, dilate, trilinear
@@ -33,7 +33,7 @@ from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.lighting import LIGHTS, Light, surface_light
 from splatgl.splat.prefilter import prefilter
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Blend, Settings
 from splatgl.splat.splats import Splats
 from splatgl.transfer.preintegration import ClassIntegral, ValueClassifier, surface_levels
 from splatgl.transfer.regions import mean_matter
@@ -252,12 +252,12 @@ class PixelRays:
         fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
         return cls(GridView.of(grid, fine, kernel_named("b-spline"), antialias=False), fine, samples, shape, clip)
 
-    def means(self, marched: Marched, pixels: np.ndarray, steps: int, blend: str) -> np.ndarray:
+    def means(self, marched: Marched, pixels: np.ndarray, steps: int, settings: Settings) -> np.ndarray:
         """float64 [P, 4]: means over pixels [P], numbered row by row from the top."""
         rays = samples_of(pixels, self.camera.size[0] // self.samples, self.samples)
-        mode = BLENDS[blend]
-        march: March = partial(_one_value, mode.join) if mode.one_value else partial(_march, mode.unbounded)
-        march = _attenuated_maximum if mode.join == "attenuated" else march
+        one, several = partial(_one_value, settings.join), partial(_march, settings.is_sum)
+        march: March = one if settings.shows_value else several
+        march = _attenuated_maximum if settings.join == "attenuated" else march
         groups = np.split(rays, range(RAYS, len(rays), RAYS))
         cut = [Rays.of(self.view, self.camera, self.shape, group, self.clip) for group in groups]
         drawn = [march(marched, rays, steps) for rays in cut]
@@ -282,10 +282,7 @@ def field_integral(
     """
     started = time.perf_counter()
     check_counts(steps_per_voxel, samples)
-    look = blend if isinstance(blend, Settings) else None
-    blend = look.blend if look else str(blend)
-    if blend not in BLENDS:
-        raise expected("blend", " or ".join(BLENDS), blend)
+    look = blend if isinstance(blend, Settings) else Settings(blend=cast(Blend, blend))
     name = field if isinstance(field, str) else "formula"
     shape = kernel_named("b-spline" if name in ("trilinear", "formula") else name)
     post = ValueClassifier.of(transfer, shape.name, volume.shape[::-1])
@@ -295,7 +292,7 @@ def field_integral(
     free = np.zeros(volume.shape, np.uint8)
     if name != "formula":
         free = distances(dilate(select_needed(_values(volume, post), 2, post.wanted)[0]))
-    shading = transfer.shading and BLENDS[blend].ordered
+    shading = transfer.shading and look.hides
     gaps = np.argwhere(~np.isfinite(np.asarray(volume.samples)))[:, ::-1]
     marched = Marched(
         field,
@@ -306,16 +303,16 @@ def field_integral(
         LIGHTS["head"] if shading else None,
         mask=MaskField.with_gaps(volume, gaps),
         span=post.span,
-        mip_attenuation=(look or Settings()).mip_attenuation,
+        mip_attenuation=look.mip_attenuation,
         surfaces=(surface_levels(transfer, post.span), transfer.surface_matter()),
     )
     width, height = camera.size
     rays = PixelRays.of(grid, camera, samples, post.shape)
-    drawn = rays.means(marched, np.arange(width * height), steps_per_voxel, blend)
+    drawn = rays.means(marched, np.arange(width * height), steps_per_voxel, look)
     picture = drawn.reshape(height, width, 4)
     seconds = round(time.perf_counter() - started, 6)
     info = {"scene": volume.name, "field": name, "steps_per_voxel": steps_per_voxel, "samples": samples}
-    return Image(picture, {**info, "blend": blend, "renderer": "float64 field integral", "seconds": seconds})
+    return Image(picture, {**info, "blend": look.blend, "renderer": "float64 field integral", "seconds": seconds})
 
 
 def kept_field_integral(
@@ -358,7 +355,7 @@ def kept_field_integral(
         iso_lit=look.iso == "lit",
     )
     rays = PixelRays.of(splats.grid, camera, samples, post.shape, resolved.clip)
-    drawn = rays.means(marched, pixels, STEPS, settings.blend)
+    drawn = rays.means(marched, pixels, STEPS, settings)
     return over_background(drawn, resolved)
 
 

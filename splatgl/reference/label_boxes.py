@@ -71,14 +71,14 @@ class BoxScene:
     def __init__(self, splats: Splats, resolved: Resolved) -> None:
         assert splats.labels is not None
         self.resolved, self.camera, self.view, self.normals = resolved, resolved.camera, resolved.view, splats.labels
-        self.blend, self.spacing = resolved.look.blend, splats.grid.mean_spacing
+        self.look, self.spacing = resolved.look, splats.grid.mean_spacing
         self.position = splats.positions.astype(np.float64)
         self.boxes = pixel_boxes(self.view, "row1", self.view.voxels(splats.positions), self.camera)
         self.order = np.arange(0)
         if len(splats):
             self.order = back_to_front(splats, order_for(splats, self.camera))[::-1]
         depth = splats.records["optical_depth"].astype(np.float64)
-        self.depth = -np.expm1(-depth * splats.unit / self.spacing) if self.blend.peak else depth
+        self.depth = -np.expm1(-depth * splats.unit / self.spacing) if self.look.join == "max" else depth
         self.color = splats.colors.astype(np.float64)
 
     def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
@@ -141,23 +141,23 @@ class BoxScene:
             matter = self._matter(part, rays)
             depth = matter[:, 3]
             color = matter[:, :3] / np.where(depth > 0, depth, 1.0)[:, None]
-            ADD[self.blend.join](gathered, Part(part.pixel, depth, color, np.ones(len(depth))))
-        return pixels(gathered, self.blend)
+            ADD[self.look.join](gathered, Part(part.pixel, depth, color, np.ones(len(depth))))
+        return pixels(gathered, self.look)
 
     def _matter(self, part: Passed, rays: BoxRays) -> np.ndarray:
         """[N, 4]: emission and optical depth, or opacity, of parts of boxes."""
         depth = self.depth[part.splat]
-        if not self.blend.peak:
+        if self.look.join != "max":
             depth = depth * (part.ends[1] - part.ends[0]) * rays.stretch[part.pixel]
         color = self.color[part.splat]
-        if self.blend.ordered:
+        if self.look.hides:
             factor, highlight = self._shade(part, rays)
             color = color * factor[:, None] + highlight[:, None]
         return np.column_stack([color * depth[:, None], depth])
 
     def _shade(self, part: Passed, rays: BoxRays) -> tuple[np.ndarray, np.ndarray]:
         """Factors of colours [N] and highlights [N] of parts of boxes."""
-        look, (entry, exit_) = self.resolved.look, part.ends
+        look, (entry, exit_) = self.look, part.ends
         start, direction = rays.start[:, part.pixel].T, rays.direction[:, part.pixel].T
         nothing = np.zeros((len(entry), 3))
         normal = self.normals.at(start + direction * entry[:, None]) if look.shading else nothing

@@ -10,7 +10,7 @@ import numpy as np
 
 from splatgl.reference.march import PARTS, Best, LayerRays, walk
 from splatgl.reference.matter import ValueMatter
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 
 # values [P] and their depths [P]; NaN for none
 Found = tuple[np.ndarray, np.ndarray]
@@ -32,7 +32,7 @@ class Shown:
         most, layer = np.zeros(count), np.zeros(count, np.int64)
         value, depth = np.full((2, count), np.nan)
         for number, rays in enumerate(layers):
-            values, depths = shown_value(rays, BLENDS[settings.blend].join, settings.mip_attenuation)
+            values, depths = shown_value(rays, settings.join, settings.mip_attenuation)
             opacity = np.nan_to_num(rays.layer.matter.opacity(values))
             better = np.flatnonzero(opacity > most)
             most[better], layer[better] = opacity[better], number

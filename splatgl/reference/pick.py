@@ -16,7 +16,7 @@ from splatgl.geometry.grid import trilinear
 from splatgl.planning.scene import Layer, Scene
 from splatgl.reference.march import LayerRays, SurfaceRays, absorb, fields_of, passed, ray_lengths
 from splatgl.reference.one_value import Shown
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 from splatgl.transfer.transfer import Transfer
 
 # optical depth at which half of the light is absorbed
@@ -69,7 +69,7 @@ def pick(
     fields = fields_of(scene, camera, settings, pixels, "pick")
     layers = [field.along(camera, pixels) for _, field in fields]
     surfaces = SurfaceRays.of(scene.surfaces(settings), camera, pixels)
-    if BLENDS[settings.blend].one_value:
+    if settings.shows_value:
         layers = [rays.until(surfaces.opaque) for rays in layers] if surfaces else layers
         shown = Shown.of(layers, settings, 1)
         number, depth = int(shown.layer[0]), float(shown.depth[0])
@@ -97,10 +97,10 @@ def _settings_for(mode: str | None, attenuation: float, settings: Settings) -> S
     if mode not in MODES:
         raise expected("mode", " or ".join(MODES), repr(mode))
     if mode == "first":
-        return settings.but(blend="composite") if BLENDS[settings.blend].one_value else settings
+        return settings.absorbing
     if attenuation:
         return settings.but(blend="attenuated-mip", mip_attenuation=attenuation)
-    return settings if settings.blend == "attenuated-mip" else settings.but(blend="mip")
+    return settings if settings.join == "attenuated" else settings.but(blend="mip")
 
 
 def _pixel_number(pixel: Any, camera: Camera) -> int:

@@ -156,8 +156,7 @@ def ray_integral_at(
 ) -> np.ndarray:
     """float64 [P, 4]: pixels [P] of `ray_integral`, numbered row by row from the top."""
     settings = (settings or Settings()).but(**BEFORE)
-    if settings.blend != "composite":
-        raise expected("blend", "composite, the only one that has a ray integral", settings.blend)
+    settings.require_composite("ray integral")
     check_counts(steps_per_voxel, samples)
     fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
     splats = clip_behind_eye(select_splats(splats, settings, moving=False), camera)

@@ -19,7 +19,7 @@ from splatgl.geometry.camera import Camera
 from splatgl.planning.bricks import Bricks
 from splatgl.planning.culling import clip_behind_eye
 from splatgl.planning.ordering import back_to_front, order_for
-from splatgl.planning.resolve import Resolved, attenuation_form, voxel_kernel
+from splatgl.planning.resolve import Appearance, Resolved, attenuation_form, voxel_kernel
 from splatgl.planning.scene import ResolvedScene, Scene, join_pictures, resolve_scene
 from splatgl.reference.blend import ADD, Band, Part, mean_weights, over_background, pixel_means, pixels
 from splatgl.reference.label_boxes import BoxScene
@@ -42,7 +42,7 @@ from splatgl.splat.extract_values import post_splats
 from splatgl.splat.kernels import tabulate
 from splatgl.splat.lighting import Light, apply_light
 from splatgl.splat.motion_blur import moving_depth
-from splatgl.splat.settings import BlendMode, Settings
+from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats, in_parts, record_type
 
 # samples per band: their indices fit into 16 bits, which sort fast
@@ -113,7 +113,7 @@ def _prepare(
         ground = scene.settings.ground
         info |= {"background": None if ground is None else list(ground), "layers": names, "splats": count}
     near = [(_select_reaching(splats, one, wanted), one) for splats, one in layers]
-    if scene.is_single or not resolved.look.blend.ordered:
+    if scene.is_single or scene.is_joined:
         return [(_scene(splats, one, row), one) for splats, one in near], info
     shown = [layer for layer in near if len(layer[0])] or near[:1] if wanted is not None else near
     scenes = [BoxScene(*layer) if layer[1].boxes else SheetScene(*layer) for layer in shown]
@@ -234,7 +234,7 @@ class SplatScene:
     row: Row
     boxes: Boxes
     camera: Camera
-    blend: BlendMode
+    look: Appearance
     order: np.ndarray
     color: np.ndarray
     depth: np.ndarray
@@ -244,17 +244,17 @@ class SplatScene:
     @classmethod
     def of(cls, splats: Splats, resolved: Resolved, row: Row, boxes: Boxes) -> SplatScene:
         """The scene of splats with footprints `row`."""
-        blend, camera, attenuation = resolved.look.blend, resolved.camera, resolved.look.attenuation
+        look, camera = resolved.look, resolved.camera
         order = np.arange(len(splats))
-        if len(splats) and blend.ordered:
+        if len(splats) and look.hides:
             order = back_to_front(splats, order_for(splats, camera))[::-1]
         color = apply_light(splats.colors.astype(np.float64), splats, camera, row.voxel, resolved)
-        depth = row.attenuate_depth(splats, attenuation)
-        if blend.peak:
+        depth = row.attenuate_depth(splats, look.attenuation)
+        if look.join == "max":
             # opacity over the transfer function's reference length
             depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing)
-        coverage = row.coverage() if attenuation == "opacity" else np.ones(len(splats))
-        return cls(row, boxes, camera, blend, order, color, depth, coverage)
+        coverage = row.coverage() if look.attenuation == "opacity" else np.ones(len(splats))
+        return cls(row, boxes, camera, look, order, color, depth, coverage)
 
     def band_height(self) -> int:
         """Rows of pixels drawn together."""
@@ -267,11 +267,11 @@ class SplatScene:
             s, integral = pairs.splat, pairs.integral
             if not len(s):
                 continue
-            depth = self.depth[s] * (integral.value / integral.peak if self.blend.peak else integral.value)
+            depth = self.depth[s] * (integral.value / integral.peak if self.look.join == "max" else integral.value)
             if self.isolated is not None:
                 depth = moving_depth(depth, self.depth[s] * integral.peak, self.isolated[s])
-            ADD[self.blend.join](gathered, Part(pairs.pixel, depth, self.color[s], self.coverage[s]))
-        return pixels(gathered, self.blend)
+            ADD[self.look.join](gathered, Part(pairs.pixel, depth, self.color[s], self.coverage[s]))
+        return pixels(gathered, self.look)
 
 
 Drawing = SplatScene | SheetScene | BoxScene | LayerScene | SurfaceScene

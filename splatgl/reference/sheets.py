@@ -16,12 +16,11 @@ from splatgl.geometry.clipping import FACE, FLUSH
 from splatgl.geometry.mask_field import MaskField, clip_to_mask
 from splatgl.geometry.view import GridView
 from splatgl.planning.ambient_occlusion import LightVolume
-from splatgl.planning.resolve import Resolved
+from splatgl.planning.resolve import Appearance, Resolved
 from splatgl.reference.blend import classify_values, join_attenuated, join_values, joined_value
 from splatgl.reference.rays import Boxes, Pixels, Rays, Row, Values, pair_values, pixel_boxes
 from splatgl.splat.kernels import Kernel, tabulate
-from splatgl.splat.lighting import Light, apply_light, surface_light
-from splatgl.splat.settings import BlendMode
+from splatgl.splat.lighting import apply_light, surface_light
 from splatgl.splat.sheets import (
     ABSENT,
     AMID,
@@ -47,31 +46,25 @@ PAIRS = 1 << 13
 class SheetField:
     """Classification of reconstructed values."""
 
-    blend: BlendMode
+    look: Appearance
     post: ValueClassifier
     view: GridView
-    shading: bool
-    weighted: bool
     spacing: float
     unit: float
-    light: Light
     shines: np.ndarray | None
     cues: LightVolume | None
     mask: MaskField | None = None
     near: int = 0
     # of an attenuated maximum, per reference length
     mip_attenuation: float = 0.0
-    iso_lit: bool = False
 
     @classmethod
     def of(cls, splats: Splats, resolved: Resolved, view: GridView, near: int = 0) -> SheetField:
         """Classification of splats of values. near: number of sheets from the eye on that are planes."""
         assert splats.post is not None
-        look = resolved.look
-        shines = look.light.within(resolved.camera)
-        lit, size, cues = (look.shading, look.weighted), splats.grid.mean_spacing, resolved.cues
-        field = cls(look.blend, splats.post, view, *lit, size, splats.unit, look.light, shines, cues, resolved.mask)
-        return replace(field, near=near, mip_attenuation=resolved.mip_attenuation, iso_lit=look.iso == "lit")
+        look, size = resolved.look, (splats.grid.mean_spacing, splats.unit)
+        lit = look.light.within(resolved.camera), resolved.cues
+        return cls(look, splats.post, view, *size, *lit, resolved.mask, near, resolved.mip_attenuation)
 
     def composite(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""
@@ -79,10 +72,10 @@ class SheetField:
 
         def seen() -> np.ndarray:
             # opaque matter hides everything behind it
-            return (light[:, 3] < OPAQUE) | self.blend.one_value | self.blend.unbounded
+            return (light[:, 3] < OPAQUE) | self.look.shows_value | self.look.is_sum
 
         for part in self.parts(sums, rays, first, sheets, seen):
-            if self.blend.one_value:
+            if self.look.shows_value:
                 self._join(light, part)
                 continue
             place = part.number - part.number[0]
@@ -90,18 +83,18 @@ class SheetField:
             matter[part.pixel, place, 0] = self.matter(part, rays)
             if part.behind is not None:
                 matter[part.pixel, place, 1] = self.surface_matter(part, rays)
-            if self.blend.unbounded:
+            if self.look.is_sum:
                 light += matter.sum(axis=(1, 2))
             else:
                 light += (1 - light[:, 3:]) * composite_sums(matter.reshape(len(light), -1, 4))
-        if not self.blend.one_value:
+        if not self.look.shows_value:
             return light
         return self.shown(light)
 
     def shown(self, light: np.ndarray) -> np.ndarray:
         """[P, 4]: the classes of joined values, of rays [P, 4]."""
-        value = joined_value(light, self.blend.join)
-        if self.blend.join == "attenuated":
+        value = joined_value(light, self.look.join)
+        if self.look.join == "attenuated":
             scale, offset = self.post.window_share
             value = (value - offset) / scale
         return classify_values(self.post.transfer, self.post.value(value))
@@ -111,14 +104,14 @@ class SheetField:
         length = part.ends[1] - part.ends[0]
         for one in np.split(np.arange(len(part.pixel)), np.flatnonzero(np.diff(part.number)) + 1):
             at, values = part.pixel[one], np.stack([part.begin[one, 0], part.value[one], part.end[one, 0]])
-            if self.blend.join == "attenuated":
+            if self.look.join == "attenuated":
                 scale, offset = self.post.window_share
                 depth = length[one] * part.stretch[one] * (self.spacing / self.unit * self.mip_attenuation)
                 light[at] = join_attenuated(light[at], np.clip(scale * values + offset, 0, 1), length[one], depth)
                 continue
             # Simpson's rule for the mean, and nearly the extremes
             for value, share in zip(values, (1 / 6, 2 / 3, 1 / 6), strict=True):
-                light[at] = join_values(light[at], value, length[one] * share, self.blend.join)
+                light[at] = join_values(light[at], value, length[one] * share, self.look.join)
 
     def parts(
         self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets, is_visible: Callable[[], np.ndarray]
@@ -200,7 +193,7 @@ class SheetField:
         gradients from the matter's mean place to the sheet's place; and the additional spread, sheets². Unchanged for
         blends of one value.
         """
-        if self.blend.one_value:
+        if self.look.shows_value:
             return np.concatenate([sums, np.zeros_like(sums[..., :1])], axis=-1)
         number = first + np.arange(sums.shape[1])
         offset = np.broadcast_to(ray_offset(self.view, rays), len(rays.near))
@@ -247,7 +240,7 @@ class SheetField:
     def matter(self, part: Part, rays: Rays) -> np.ndarray:
         """[P, 4]: emission and optical depth of a part."""
         matter = self.classify(part)
-        if self.shading or self.cues is not None:
+        if self.look.shading or self.cues is not None:
             factor, highlight = self.shade_part(part, rays)
             matter[:, :3] = matter[:, :3] * factor[:, None] + matter[:, 3:] * highlight[:, None]
         return matter
@@ -258,7 +251,7 @@ class SheetField:
         assert crossed is not None
         matter = self.post.surfaces[1][crossed.surface] * (crossed.surface >= 0)[:, None]
         at_end = replace(part, middle=crossed.distance)
-        factor, highlight = self._surface(at_end, crossed.gradient * self.iso_lit, rays)
+        factor, highlight = self._surface(at_end, crossed.gradient * (self.look.iso == "lit"), rays)
         matter[:, :3] = matter[:, :3] * factor[:, None] + matter[:, 3:] * highlight[:, None]
         return matter
 
@@ -266,8 +259,8 @@ class SheetField:
         """Factors of colours [P] and highlights [P] of a part, by its gradients, the mask's face, and the clip plane's
         face.
         """
-        light = self._surface(part, part.gradient if self.shading else np.zeros((len(part.pixel), 3)), rays)
-        if not self.shading:
+        light = self._surface(part, part.gradient if self.look.shading else np.zeros((len(part.pixel), 3)), rays)
+        if not self.look.shading:
             return light
         if self.mask is not None:
             face = self.mask.normals(self._points(part.middle, part.pixel, rays))
@@ -282,13 +275,13 @@ class SheetField:
         toward, reached = rays.toward[part.pixel], None
         if self.cues is not None:
             reached = self.cues.light_shares(self._points(part.middle, part.pixel, rays).T, normal, toward)
-        return surface_light(normal, toward, self.light, self.shines, reached)
+        return surface_light(normal, toward, self.look.light, self.shines, reached)
 
     def classify(self, part: Part) -> np.ndarray:
         """[P, 4]: colour times optical depth, and optical depth of a part."""
         first, last, length = part.begin, part.end, (part.ends[1] - part.ends[0]) * part.stretch
         matter = self.post.integral.mean(self.post.value(first[:, 0]), self.post.value(last[:, 0]))
-        if self.weighted:
+        if self.look.weighted:
             size = np.linalg.norm(part.gradient, axis=1)
             weight = self.post.transfer.weight(size * self.post.span / self.spacing)
             extinction = matter[:, 3]

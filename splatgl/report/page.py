@@ -236,9 +236,7 @@ def strip(renderer: Renderer, scene: SceneResults, truths: Truths) -> str:
     shown = [truth for truth in COMPARED if any(of == truth for _, of in differences)]
     brightest = {key: float(np.percentile(difference, BRIGHTEST)) for key, difference in differences.items()}
     scales = {truth: max(value for (_, of), value in brightest.items() if of == truth) for truth in shown}
-    peak = 1.0
-    if subject.settings.blend == "xray":
-        peak = max((float(image.pixels.max()) for image in drawn.values()), default=1.0) or 1.0
+    peak = max((subject.settings.brightest(image.pixels) for image in drawn.values()), default=1.0) or 1.0
     for name, image in drawn.items():
         heats = {t: heat_map(differences[name, t], scales[t] or 1.0) for t in shown if (name, t) in differences}
         pictures = [f'<img alt="{escape(name)}" src="{data_uri(to_display(image, peak))}">']

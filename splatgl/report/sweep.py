@@ -143,7 +143,7 @@ class Subject:
     @property
     def no_field(self) -> str:
         """Reason why the scene has no field classified by value; empty if it has one."""
-        if self.settings.blend != "composite":
+        if not self.settings.hides:
             return str(expected("field", "blend composite", self.settings.blend))
         return self.only_pre
 
@@ -225,9 +225,9 @@ class Truths:
             if samples > most:
                 fix = "more would take too long: use --full or a smaller --size"
                 raise expected("float64 reference", f"at most {most:,} samples at this level", f"{samples:,}", fix)
-        elif truth in ("integral", "field") and settings.blend != "composite":
-            raise expected("ray integral", "blend composite", settings.blend)
-        elif truth == "field" and self.subject.no_field:
+        elif truth in ("integral", "field"):
+            settings.require_composite("ray integral")
+        if truth == "field" and self.subject.no_field:
             raise InputError(self.subject.no_field)
         return Settings.like("0.1", **values)
 

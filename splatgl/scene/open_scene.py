@@ -26,7 +26,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import AMOUNT_KEYS, CHANNEL_KEYS, COLOR_KEYS, SeriesLook, faint_share, with_window
 from splatgl.scene.view import FIT_OF_0_3
 from splatgl.splat.segment_surfaces import is_segmentation
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 from splatgl.transfer.colormaps import labels_of
 from splatgl.transfer.presets import slice_defaults
 from splatgl.transfer.statistics import SAMPLED_STEPS, mean_deviation, sampled_steps
@@ -275,10 +275,10 @@ def with_background(settings: Settings, is_lit: bool) -> Settings:
     """
     if settings.background != AUTO:
         return settings
-    if BLENDS[settings.blend].unbounded:
+    if settings.is_sum:
         return replace(settings, background=None)
     surfaces = settings.shading == "on" or (settings.shading == "auto" and is_lit)
-    return replace(settings, background=WHITE if surfaces and settings.blend == "composite" else BLACK)
+    return replace(settings, background=WHITE if surfaces and settings.hides else BLACK)
 
 
 def provenance_of(file: SceneFile, transfer: Transfer, length: object) -> dict[str, object]:
@@ -332,7 +332,7 @@ def without_background(settings: Settings, names: tuple[str, ...]) -> Settings:
     """The settings of a picture under annotations: with a box it is drawn without its background, so that edges behind
     the box come between both. Sums have no background.
     """
-    return replace(settings, background=None) if "box" in names and not BLENDS[settings.blend].unbounded else settings
+    return replace(settings, background=None) if "box" in names and not settings.is_sum else settings
 
 
 def open_layer(
@@ -402,7 +402,7 @@ def _channel_looks(
         bases = [plain.transfer_for(channel) for channel in volume.channels]
     elif window := with_window(dict(file.transfer)).get("window"):
         windows = {**{str(number): window for number in range(len(volume.channels))}, **windows}
-    return tuple(channel_transfers(volume, colors, windows, bases, file.settings.blend))
+    return tuple(channel_transfers(volume, colors, windows, bases, file.settings))
 
 
 # keys that leave nothing of a look to the values

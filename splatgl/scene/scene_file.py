@@ -90,7 +90,7 @@ from splatgl.scene.transfer_choice import (
 )
 from splatgl.scene.view import FIT_OF_0_3, ViewOptions, orient_stack
 from splatgl.splat.segment_surfaces import SMOOTHING, check_strength
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 from splatgl.transfer.colormaps import base_name, labels_of
 from splatgl.transfer.label_detection import MASK, as_segmentation, mark_kind
 from splatgl.transfer.presets import (
@@ -498,7 +498,7 @@ class SceneFile:
     def _unused_notes(self, volume: Volume) -> list[str]:
         """Returns notes on options without effect. Raises InputError for options of voxels beside a cloud of points."""
         of_scene = [name for name in OF_VOXELS if getattr(self, name) not in (None, "", (), 0.0)]
-        notes = notes_on_looks(self.transfer, volume, self.settings.blend, of_scene)
+        notes = notes_on_looks(self.transfer, volume, self.settings, of_scene)
         if not (self.clip or self.crop or self.settings.clip):
             of_meshes = ["caps" if mesh.caps else "clip_meshes" for mesh in self.meshes if mesh.clip]
             notes += no_effect([*["uncut"] * bool(self.uncut), *dict.fromkeys(of_meshes)], "neither clip nor crop cuts")
@@ -626,14 +626,14 @@ class SceneFile:
     def _changed_transfer(self, name: str | None, keys: dict[str, Any], volume: Volume) -> Transfer:
         """Returns the transfer function of a preset, of maxima or the default, changed by keys of a table."""
         base = base_transfer(name, keys, volume)
-        if BLENDS[self.settings.blend].one_value and name is None and len(base.points) == 1:
+        if self.settings.shows_value and name is None and len(base.points) == 1:
             # a constant volume, which is a fog in other blends
             base = replace(base, points=[(value, SOLID) for value, opacity in base.points if opacity])
         refuse_unknown("transfer", keys, (*declared(Transfer), "curve", "colors"))
         if base.labels and keys.keys() & AMOUNT_KEYS:
             conflicts = ", ".join(sorted(keys.keys() & AMOUNT_KEYS))
             raise expected("labels", "none of the options of amounts", conflicts, "--values amounts draws amounts")
-        if self.settings.blend == "mip" and name is None and not keys.get("curve"):
+        if self.settings.join == "max" and name is None and not keys.get("curve"):
             base = projection_transfer(base, volume)
             if "window" in keys and keys.get("scale") != "log":
                 base = over_window(base, *keys["window"])

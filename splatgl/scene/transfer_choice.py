@@ -14,7 +14,6 @@ from splatgl.data.color import srgb_of_name
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.options import Group, Kind, checked, declared, no_effect, option
-from splatgl.splat.settings import BLENDS
 from splatgl.transfer.colormaps import base_name
 from splatgl.transfer.iso import check_iso
 from splatgl.transfer.label_detection import AMOUNTS, LABELS
@@ -27,6 +26,7 @@ from splatgl.transfer.transfer_nodes import color_map, curve_of, read_color_poin
 
 if TYPE_CHECKING:
     from splatgl.scene.scene_file import SceneFile
+    from splatgl.splat.settings import Settings
 
 # keys of a transfer function for channels: pairs of a channel and a colour, or a window
 CHANNEL_KEYS = ("color_of", "window_of")
@@ -282,7 +282,7 @@ def base_transfer(name: str | None, keys: dict[str, Any], volume: Volume) -> Tra
     return preset(name, volume) if name else default_transfer(volume)
 
 
-def notes_on_looks(keys: Mapping[str, Any], volume: Volume, blend: str, of_scene: Sequence[str]) -> list[str]:
+def notes_on_looks(keys: Mapping[str, Any], volume: Volume, settings: Settings, of_scene: Sequence[str]) -> list[str]:
     """Returns notes on keys of a transfer function that do not change a volume's look. of_scene: names of further
     options of voxels that are given. Raises InputError for both beside a cloud of points.
     """
@@ -295,7 +295,7 @@ def notes_on_looks(keys: Mapping[str, Any], volume: Volume, blend: str, of_scene
             raise expected(name, "a volume of voxels", f"{len(volume.points):,} points", fix)
     notes = []
     if volume.color is not None:
-        of_amounts = COLOR_KEYS[:2] if blend == "mip" else COLOR_KEYS
+        of_amounts = COLOR_KEYS[:2] if settings.join == "max" else COLOR_KEYS
         notes += no_effect([name for name in of_amounts if name in stated], "the volume has colours of its own")
     if len(volume.channels) > 1:
         of_one = [name for name in COLOR_KEYS[:2] if name in stated]
@@ -330,7 +330,7 @@ def is_backdrop(scene: SceneFile, volume: Volume) -> bool:
     has_labels = any("only_labels" in layer.transfer and layer.visible for layer in scene.layers)
     is_stated = scene.threshold > 0 or scene.transfer.keys() & {*STATED, "iso"}
     is_dense = volume.labels is None and volume.points is None and len(volume.channels) < 2
-    return has_labels and is_dense and not is_stated and BLENDS[scene.settings.blend].ordered
+    return has_labels and is_dense and not is_stated and scene.settings.hides
 
 
 def seen_through(volume: Volume, transfer: Transfer) -> float:

@@ -285,7 +285,7 @@ class Moments:
         info = {**image.info, "moments": self.count, "shutter": self.exposure * FULL_SHUTTER}
         if "error_bound" in info:
             error = sum(bounds) / self.count if len(bounds) == self.count else None
-            allowed = settings.tolerance * (max(float(mean.max()), 1e-30) if settings.blend == "xray" else 1.0)
+            allowed = settings.tolerance * max(settings.brightest(mean), 1e-30)
             info |= {"error_bound": error, "tolerance_met": None if error is None else error <= allowed}
         return Image(mean, info)
 

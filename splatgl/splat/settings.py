@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Unpack
 
 import numpy as np
 
@@ -39,8 +39,7 @@ Blend = Literal["composite", "xray", "mip", "attenuated-mip", "minip", "mean"]
 class BlendMode:
     """Blend mode. join: `over` (by the transmittance of nearer splats), `sum`, `max`, `min`, `mean` or `attenuated`,
     the names that optics.glsl has, too. combine: joins two values along a ray. vtk: number of VTK's blend mode; None
-    without one. peak: whether a splat's value is its opacity times its share of the footprint's peak, instead of a line
-    integral.
+    without one.
     """
 
     name: Blend
@@ -48,32 +47,6 @@ class BlendMode:
     combine: np.ufunc
     vtk: int | None
     about: str
-    peak: bool = False
-
-    @property
-    def extreme(self) -> bool:
-        """Whether one of the joined values remains."""
-        return self.combine is not np.add
-
-    @property
-    def ordered(self) -> bool:
-        """Whether the picture depends on the order."""
-        return self.join == "over"
-
-    @property
-    def unbounded(self) -> bool:
-        """Whether pixel values are unbounded: errors and PNGs are relative to the brightest."""
-        return self.join == "sum"
-
-    @property
-    def one_value(self) -> bool:
-        """Whether a pixel shows one value of its ray, if values are classified after reconstruction."""
-        return self.join in ("max", "min", "mean", "attenuated")
-
-    @property
-    def post_only(self) -> bool:
-        """Whether splats classified before reconstruction do not support the blend."""
-        return self.join in ("min", "mean", "attenuated")
 
 
 BLENDS: dict[str, BlendMode] = {
@@ -81,9 +54,7 @@ BLENDS: dict[str, BlendMode] = {
     for mode in (
         BlendMode("composite", "over", np.add, 0, "'over' by opacity, nearest first"),
         BlendMode("xray", "sum", np.add, None, "sums of optical depth and of depth times colour"),
-        BlendMode(
-            "mip", "max", np.maximum, 1, "the maximum of opacity and of opacity times colour, or of values", peak=True
-        ),
+        BlendMode("mip", "max", np.maximum, 1, "the maximum of opacity and of opacity times colour, or of values"),
         BlendMode(
             "attenuated-mip", "attenuated", np.maximum, None, "the maximum of values, weakened by those before them"
         ),
@@ -93,6 +64,41 @@ BLENDS: dict[str, BlendMode] = {
 }
 # by join
 COMBINE = {mode.join: mode.combine for mode in BLENDS.values()}
+
+
+class Blending(Protocol):
+    """The meaning of a blend for a picture."""
+
+    blend: Blend
+
+    @property
+    def join(self) -> str:
+        """How values along a ray are joined; see BlendMode."""
+        return BLENDS[self.blend].join
+
+    @property
+    def hides(self) -> bool:
+        """Whether nearer matter hides what is behind it, so that the picture depends on the order."""
+        return self.join == "over"
+
+    @property
+    def is_sum(self) -> bool:
+        """Whether pixel values are unbounded: errors and PNGs are relative to the brightest."""
+        return self.join == "sum"
+
+    @property
+    def shows_value(self) -> bool:
+        """Whether a pixel shows one value of its ray, if values are classified after reconstruction."""
+        return not (self.hides or self.is_sum)
+
+    @property
+    def needs_values(self) -> bool:
+        """Whether splats classified before reconstruction do not support the blend."""
+        return self.shows_value and self.join != "max"
+
+    def brightest(self, pixels: np.ndarray) -> float:
+        """The light that errors of a picture are relative to: the largest component of sums, else 1."""
+        return float(pixels.max()) if self.is_sum else 1.0
 
 
 Antialias = Literal["auto", "paper", "off", "supersample"]
@@ -160,7 +166,7 @@ def read_kernel(text: str) -> str:
 
 @public
 @dataclass(frozen=True)
-class Settings:
+class Settings(Blending):
     """Settings of a picture; `splatgl/docs/settings.md` explains the values of each. Raises InputError for others.
 
     sheets, steps, table_size, moments, z_s, light_from that are None follow from the other settings. background: linear
@@ -359,7 +365,7 @@ class Settings:
     @property
     def mixes_display(self) -> bool:
         """Whether display values (sRGB) are mixed, as in framebuffers of 8 bits; else linear light."""
-        return self.target == "rgba8" and not BLENDS[self.blend].unbounded
+        return self.target == "rgba8" and not self.is_sum
 
     @property
     def ground(self) -> Color | None:
@@ -367,6 +373,21 @@ class Settings:
         for a scene.
         """
         return None if isinstance(self.background, str) else self.background
+
+    @property
+    def backdrop(self) -> Color | None:
+        """The background that pixels hold, linear RGB. None: transparent, as all sums are."""
+        return None if self.is_sum else self.ground
+
+    @property
+    def absorbing(self) -> Settings:
+        """The settings of a picture whose rays are absorbed: composite instead of one value of each."""
+        return self.but(blend="composite") if self.shows_value else self
+
+    def require_composite(self, what: str) -> None:
+        """Raises InputError for blends that what is named does not support: all but composite."""
+        if not self.hides:
+            raise expected(what, "blend composite", self.blend)
 
     @property
     def given(self) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from splatgl.gl.screen import GROUNDS
 from splatgl.planning.scene import channel_opacity, plan_scene
 from splatgl.scene.open_scene import on_background
 from splatgl.scene.view import PLANES_UP, ROWS_UP, angles
-from splatgl.splat.settings import BLENDS, Settings, choices
+from splatgl.splat.settings import Settings, choices
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts
 from splatgl.viewer.document import Document
@@ -256,7 +256,7 @@ def with_settings(state: State, document: Document, settings: Settings) -> State
         settings = settings.but(background=usual[1].background)
     styles = []
     for layer, style in zip(document.layers, state.styles, strict=False):
-        now, then = (channel_opacity(layer.volume, blend) for blend in (state.settings.blend, settings.blend))
+        now, then = (channel_opacity(layer.volume, look) for look in (state.settings, settings))
         most = max(opacity for _, opacity in style.base.points)
         is_ramp = "channel" in layer.scene.load and not style.base.shading and abs(most - now) < 1e-6
         points = tuple((value, opacity * then / now) for value, opacity in style.base.points)
@@ -308,7 +308,7 @@ def _threshold(factor: float) -> Run:
 
 def with_threshold(state: State, threshold: float) -> State:
     """The state with another threshold, to four digits; blends of one value have none."""
-    if BLENDS[state.settings.blend].post_only and threshold > 0:
+    if state.settings.needs_values and threshold > 0:
         return replace(state, message=f"no threshold: blend {state.settings.blend} takes the values of all voxels")
     return state.edit(threshold=float(f"{threshold:.4g}"))
 

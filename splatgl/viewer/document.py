@@ -28,7 +28,7 @@ from splatgl.scene.open_scene import OpenScene, on_background, open_layer, sourc
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV, ViewOptions
 from splatgl.splat.extract import Progress
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.adaptive_quality import STRIDES
@@ -303,7 +303,7 @@ class Document:
         """
         if not self.is_layered:
             layer = self.layers[0]
-            if eye is not None and BLENDS[settings.blend].ordered and not settings.clip:
+            if eye is not None and settings.hides and not settings.clip:
                 shell = layer.shell(stride)
                 return shell if eye_is_outside(shell, eye) else layer.at(stride), settings
             return layer.at(stride), settings

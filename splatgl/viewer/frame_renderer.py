@@ -11,7 +11,6 @@ from functools import partial
 import numpy as np
 
 from splatgl.annotations.text import Overlay, Path, Text, draw_overlay, text_box
-from splatgl.data.color import Color
 from splatgl.geometry.camera import Camera
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen, ScreenStyle
@@ -20,7 +19,7 @@ from splatgl.planning.plan import Blurred
 from splatgl.planning.resolve import Resolved, has_streaks, select_splats
 from splatgl.scene.draw import print_lines
 from splatgl.splat.motion import Motion
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats, as_points
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, Level
@@ -245,7 +244,7 @@ class FrameRenderer:
 
     def _free(self, text: Text, state: State, scale: float) -> str:
         """A corner where a text covers no visible pixels and no axes; "" if there is none."""
-        size, ground = state.pose.camera.size, _ground_of(state)
+        size, ground = state.pose.camera.size, state.settings.backdrop
         empty = np.zeros(4) if ground is None else np.array([*ground, 1.0])
         down, across = self.pixels.shape[0] / size[1], self.pixels.shape[1] / size[0]
         for corner in ("top left",) if "axes" in state.annotate else ("top left", "bottom left"):
@@ -257,7 +256,7 @@ class FrameRenderer:
 
     def look(self, state: State, reference: Reference) -> ScreenStyle:
         """Current display mode; uploads the reference if there is one."""
-        background = _ground_of(state)
+        background = state.settings.backdrop
         scale = _scale(state.settings, self.pixels)
         overlay = self.overlay
         written = overlay is not None and bool(overlay.texts or overlay.paths or self.overlay_beside)
@@ -330,7 +329,7 @@ class FrameRenderer:
 
 def _scale(settings: Settings, pixels: np.ndarray) -> float:
     """Factor of the light on the screen: an X-ray is shown relative to its brightest pixel."""
-    return 1.0 / (float(pixels.max()) or 1.0) if BLENDS[settings.blend].unbounded else 1.0
+    return 1.0 / (settings.brightest(pixels) or 1.0)
 
 
 def _with_edge(overlay: np.ndarray) -> np.ndarray:
@@ -347,8 +346,3 @@ def _column(size: tuple[int, int], scale: float) -> int:
 
 def _wrap(text: str, width: int) -> list[str]:
     return textwrap.wrap(text, width) or [""]
-
-
-def _ground_of(state: State) -> Color | None:
-    """The background that the pixels hold."""
-    return None if BLENDS[state.settings.blend].unbounded else state.settings.ground

@@ -269,7 +269,7 @@ def _time(state: State, document: Document, widgets: CommandWidgets) -> State:
 def _settings(state: State, document: Document, names: Iterable[str]) -> State:
     """A widget for each of the settings with choices or a strength, described as on the command line."""
     for name in names:
-        if name == "mip_attenuation" and state.settings.blend != "attenuated-mip":
+        if name == "mip_attenuation" and state.settings.join != "attenuated":
             continue
         setting, now = declared(Settings)[name], getattr(state.settings, name)
         label = label_left(setting.label or name.replace("_", " "))

@@ -19,7 +19,6 @@ from splatgl.geometry.slice_images import Painter
 from splatgl.geometry.slices import ANATOMY, SlicePlane, world_axes
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.scene.meshes import is_mesh
-from splatgl.splat.settings import BLENDS
 from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.oblique import (
     STRAIGHT,
@@ -477,8 +476,8 @@ def _show_in_space(state: State, document: Document) -> State:
         return replace(state, slices=replace(state.slices, in_space=False), slice_planes=())
     if document.volume.points is not None or is_mesh(document.scene.volume):
         return replace(state, message="no slices: there are no voxels")
-    if not BLENDS[state.settings.blend].ordered:
-        return replace(state, message=f"slices are shown in composite pictures, not in {state.settings.blend}")
+    if not state.settings.hides:
+        return replace(state, message="slices are shown in blend composite only")
     return with_slices(state, replace(state.slices, in_space=True), document.volume)
 
 

@@ -84,7 +84,7 @@ def test_parts_add_up_to_the_picture(blend: str, name: str, renderer: sg.Rendere
         parts.append(PicturePart.of(pixels, sum(some.found.values())))
     # what joins three sheets reaches one sheet further to both sides of a part than their splats do
     assert read < 3.05 * len(bricks.low)
-    how = chosen.program.look.blend.join
+    how = chosen.program.look.join
     whole = join_parts(how, join_parts(how, parts[0], parts[1]), join_parts(how, parts[2], parts[3]))
     image = renderer.render_joined(bricks, camera, settings, whole.whole, whole.splats)
     assert right.pixels.max() > 0.3 and image.info["splats"] == right.info["splats"]

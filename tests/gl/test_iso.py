@@ -236,7 +236,7 @@ def test_bricks_and_parts_of_a_picture_agree_with_float64(
     shells = some.shells(chosen.resolved.sheets, chosen.view, 4)
     reached = [some.within(chosen.resolved.sheets, chosen.view, shell) for shell in shells]
     parts = [PicturePart.of(renderer.render_part(each, camera, settings), sum(each.found.values())) for each in reached]
-    joined = reduce(partial(join_parts, chosen.program.look.blend.join), parts)
+    joined = reduce(partial(join_parts, chosen.program.look.join), parts)
     picture = renderer.render_joined(some, camera, settings, joined.whole, joined.splats)
     assert len(parts) == 4 and right[..., 3].max() > 0.5
     # at a rim, float32 may find or miss a pair of crossings

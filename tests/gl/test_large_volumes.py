@@ -124,7 +124,7 @@ def test_boxes_whose_pictures_change_come_first(look: str) -> None:
     """By colours, surfaces and values, too, where all opacities are equal."""
     given, blend, value = LOOKS[look]
     volume, transfer = foggy_shell(value), sg.Transfer(**given, unit=1.0, shading=False)
-    boxes = changed_boxes(volume, 1, transfer, sg.Camera.orbit(volume, 20, 10, size=(16, 16)), blend)
+    boxes = changed_boxes(volume, 1, transfer, sg.Camera.orbit(volume, 20, 10, size=(16, 16)), Settings(blend=blend))
     assert len(boxes) == 8 and boxes[0].tolist() == [[0, 32, 0], [32, 64, 32]]
 
 
@@ -142,12 +142,12 @@ def test_a_flat_picture_is_that_of_its_columns() -> None:
     """By hand: extinction per voxel, colours, and the surface between two voxels."""
     volume = sg.Volume(np.array([0.0, 1.0, 0.0], np.float32).reshape(3, 1, 1), spacing=(1, 1, 2))
     transfer = sg.Transfer([(0.0, 0.0), (1.0, 0.5)], window=(-1, 1), unit=1.0, iso=["0.5:red:0.2"])
-    picture = flat_picture(volume, transfer, "composite", 2)[0, 0]
+    picture = flat_picture(volume, transfer, Settings(), 2)[0, 0]
     # half of the light passes twice through the voxel, and 0.8 through each surface
     assert picture[3] == pytest.approx(1 - 0.25 * 0.8**2)
-    assert flat_picture(volume, transfer, "xray", 2)[0, 0, 3] == pytest.approx(-np.log(0.25 * 0.8**2))
-    assert flat_picture(volume, transfer, "mip", 2)[0, 0, 3] == pytest.approx(0.5)
-    assert flat_picture(volume, transfer, "minip", 2)[0, 0, 3] == 0
+    assert flat_picture(volume, transfer, Settings(blend="xray"), 2)[0, 0, 3] == pytest.approx(-np.log(0.25 * 0.8**2))
+    assert flat_picture(volume, transfer, Settings(blend="mip"), 2)[0, 0, 3] == pytest.approx(0.5)
+    assert flat_picture(volume, transfer, Settings(blend="minip"), 2)[0, 0, 3] == 0
 
 
 @pytest.mark.long

@@ -39,7 +39,7 @@ def programs() -> set[Program]:
     names = (*COMPILED, "tolerance", "table_bits")
     values = {**{name: choices()[name] for name in COMPILED}, "tolerance": (1 / 255, 1e-6), "table_bits": (32, 8)}
     # the others take values
-    values["blend"] = tuple(name for name, mode in BLENDS.items() if not mode.post_only)
+    values["blend"] = tuple(name for name in BLENDS if not sg.Settings(blend=name).needs_values)
     every, *pairs = (
         [tuple(zip(chosen, each, strict=True)) for each in itertools.product(*(values[name] for name in chosen))]
         for chosen in (names, *itertools.combinations(names, 2))
@@ -74,8 +74,8 @@ def of_sheets() -> set[Program]:
                 joined = splats.post is not None and shading == "off" and attenuation == "auto"
                 found |= {
                     sg.plan(splats, camera, settings.but(blend=name), tiles=tiles).program
-                    for name, mode in BLENDS.items()
-                    if name == "composite" or (joined and mode.one_value)
+                    for name in BLENDS
+                    if name == "composite" or (joined and sg.Settings(blend=name).shows_value)
                     for camera in cameras
                     for tiles in (True, None)
                 }
@@ -94,7 +94,7 @@ def distinct(found: set[Program]) -> set[tuple[object, ...]]:
             parts += kinds if program.look.sheets else [("tile_draw.comp", "CARRIED")]
         elif program.look.sheets:
             parts = [("sheet_close.frag", "SHEETS")]
-            parts += [("sheet_show.frag", "SHEETS")] * program.look.blend.one_value
+            parts += [("sheet_show.frag", "SHEETS")] * program.look.shows_value
         for name, more in parts:
             read = {**switches, more: switches.get(more, True)}
             keys.add((name, *((s, read[s]) for s in sorted(declared_switches(name) & read.keys()))))

@@ -44,7 +44,7 @@ def values(view: str = "outside", grid: str = "cubes", transfer: sg.Transfer = R
     """Draws a volume whose values are classified after reconstruction. change: of the settings."""
     scene = volume(grid)
     settings = WHOLE.but(**change)
-    kind = "post-all" if BLENDS[settings.blend].one_value else "auto"
+    kind = "post-all" if settings.shows_value else "auto"
     splats = sg.extract(scene, transfer, classification=kind)
     return lambda renderer: renderer.render(splats, views(scene)[view], settings, verify_bound=False).pixels
 

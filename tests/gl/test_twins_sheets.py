@@ -465,7 +465,7 @@ def test_light_over_matter(
     found_light = twin(
         "sheet_draw.comp", "result.xy = surface_light(g, t, s, vec2(1.0))", plan, splats, state, **inputs
     )[:, :2]
-    right_light = np.stack(surface_light(inputs["g"], toward, field.light, field.shines), axis=1)
+    right_light = np.stack(surface_light(inputs["g"], toward, field.look.light, field.shines), axis=1)
     assert np.abs(found_light - right_light).max() < 1e-5
     assert plan.resolved.look.shading and np.abs(found - right).max() < (1e-5 if lit else 2e-6)
 
@@ -560,7 +560,7 @@ def test_no_gap_between_the_values_of_sheets(rng: np.random.Generator) -> None:
     assert np.abs(ends[0] - ends[1]).max() < 1e-9
 
 
-@pytest.mark.parametrize("blend", [name for name, mode in BLENDS.items() if mode.one_value])
+@pytest.mark.parametrize("blend", [name for name in BLENDS if sg.Settings(blend=name).shows_value])
 def test_one_value_of_sheets(blend: str, renderer: sg.Renderer, twin: Twin, rng: np.random.Generator) -> None:
     """Its join, its class, and both over sheets whose ends are in the box."""
     splats = samples()
@@ -573,9 +573,9 @@ def test_one_value_of_sheets(blend: str, renderer: sg.Renderer, twin: Twin, rng:
     found = twin(
         "sheet_draw.comp", "result = join_value(l, a.x, a.y)", plan, splats, l=light, a=np.stack([value, length], 1)
     )
-    assert np.abs(found - join_value(light, value, length, field.blend.join)).max() < 1e-6
+    assert np.abs(found - join_value(light, value, length, field.look.join)).max() < 1e-6
     found = twin("optics.glsl", "result.x = joined_value(l)", plan, splats, l=light)[:, 0]
-    right = blends.joined_value(light, field.blend.join)
+    right = blends.joined_value(light, field.look.join)
     assert (np.abs(found - right) / (1 + np.abs(right)))[light[:, 1] > 0].max() < 1e-6
     found = twin("sheet_draw.comp", "result = shown(l)", plan, splats, state, l=light)
     assert np.abs(found - shown(field, light)).max() < 3e-4 and (found[::5] == 0).all()

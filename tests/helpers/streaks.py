@@ -23,7 +23,7 @@ from splatgl.splat.kernels import tabulate
 from splatgl.splat.line_integral import Integral, row1
 from splatgl.splat.motion import Motion, Streaks, streaks
 from splatgl.splat.motion_blur import MOTIONS, blur_table, energy_gain, isolation, paper_gain, stretched_footprint
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 
 
@@ -186,7 +186,7 @@ def render(
     """
     if shape not in MOTIONS:
         raise expected("shape", " or ".join(MOTIONS), repr(shape))
-    if settings.antialias in AVERAGED or BLENDS[settings.blend].join == "max":
+    if settings.antialias in AVERAGED or settings.join == "max":
         raise expected("settings", "antialias paper or off, blend composite or xray", "others")
     paths = streaks(splats, camera, motion, shutter)
     resolved = Resolved.of(splats, paths.camera, settings, moving=True)

@@ -329,7 +329,7 @@ def test_what_is_left_out_is_told() -> None:
 def test_nothing_to_draw_is_told() -> None:
     with pytest.raises(sg.InputError, match="layers: expected a visible Image or Labels layer"):
         panel.picture(viewer(Image(spots(), visible=False)))
-    with pytest.raises(sg.InputError, match="blend: expected one of composite"):
+    with pytest.raises(sg.InputError, match="blend: expected composite or xray"):
         panel.picture(viewer(Image(spots((1, 1, 1)))), "iso")  # type: ignore[arg-type]
 
 

@@ -23,7 +23,7 @@ from tests.helpers.splatting import spread
 pytestmark = pytest.mark.usefixtures("shared_programs")
 
 TECHNIQUES = ("tiles", "quads")
-BLENDED = tuple(name for name, mode in BLENDS.items() if mode.one_value)
+BLENDED = tuple(name for name in BLENDS if sg.Settings(blend=name).shows_value)
 EXACT = sg.Settings(tolerance=1e-6, antialias="off")
 RAMP = sg.Transfer([(0.2, 0), (0.8, 0.9)], colormap="hot")
 

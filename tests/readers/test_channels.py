@@ -624,7 +624,7 @@ def test_colours_of_the_file_go_before_names() -> None:
 @pytest.mark.parametrize("blend", ["mip", "minip", "mean", "attenuated-mip"])
 def test_channels_of_one_value_reach_full_light(blend: str) -> None:
     """The opacity by which matter behind shows through scales no maximum."""
-    for look in channel_transfers(named("a", "b"), {}, {"b": (0, 50)}, blend=blend):
+    for look in channel_transfers(named("a", "b"), {}, {"b": (0, 50)}, settings=sg.Settings(blend=blend)):
         assert look.opacity(1e9) == pytest.approx(0.99)
     through = channel_transfers(named("a", "b"), {}, {"b": (0, 50)})
     assert max(look.opacity(1e9) for look in through) < 0.7

@@ -103,7 +103,7 @@ def test_samples_and_background() -> None:
 def test_what_it_refuses() -> None:
     splats = random_volume(0.5)
     camera = sg.Camera.orbit(splats, size=(4, 4))
-    with pytest.raises(sg.InputError, match="blend: expected composite"):
+    with pytest.raises(sg.InputError, match="ray integral: expected blend composite"):
         ray_integral(splats, camera, SPLATS.but(blend="mip"))
     with pytest.raises(sg.InputError, match="steps_per_voxel: expected a number of at least 1"):
         ray_integral(splats, camera, steps_per_voxel=0)

@@ -89,7 +89,7 @@ def test_parts_have_the_length_of_the_whole(name: str, unit: str | None, monkeyp
 
 def test_channels_of_a_coarser_level_are_as_dense() -> None:
     volume = ball(32)
-    assert channel_opacity(halve_volume(volume), "composite") == pytest.approx(channel_opacity(volume, "composite"))
+    assert channel_opacity(halve_volume(volume), sg.Settings()) == pytest.approx(channel_opacity(volume, sg.Settings()))
 
 
 def test_a_level_that_is_read_alone_has_the_length_of_the_finest(tmp_path: Path) -> None:

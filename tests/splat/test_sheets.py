@@ -17,7 +17,7 @@ from splatgl.gl.target import Interrupted
 from splatgl.planning.ordering import order_for
 from splatgl.reference.ray_integral import ray_integral
 from splatgl.splat.kernels import KERNELS, depth_deviation, kernel
-from splatgl.splat.settings import BlendMode, Technique
+from splatgl.splat.settings import Technique
 from splatgl.splat.sheets import Sheets
 from tests.helpers.noise import GRIDS, LOOKS, close_up, inside, views
 
@@ -201,9 +201,9 @@ def test_quads_leave_out_sheets_without_splats(
     sheets: list[int] = []
     close = SheetQuads.close
 
-    def counted(self: SheetQuads, into: moderngl.Framebuffer, sheet: int, blend: BlendMode | None) -> None:
+    def counted(self: SheetQuads, into: moderngl.Framebuffer, sheet: int, join: str | None) -> None:
         sheets.append(sheet)
-        close(self, into, sheet, blend)
+        close(self, into, sheet, join)
 
     monkeypatch.setattr(SheetQuads, "close", counted)
     for view in ("fitted", "parallel"):

@@ -969,7 +969,7 @@ def test_values_that_are_kept_serve_no_threshold(scene: SceneFile) -> None:
     assert state.style.threshold > 0 and not document.layers[0].is_post_classified
     for _ in BLENDS:
         state = acted(state, "blend", document)
-        assert not BLENDS[state.settings.blend].post_only
+        assert not state.settings.needs_values
         document = document.with_styles(state.styles, state.mesh_files, state.settings)
         assert all(len(document.layers[0].at(stride)) for stride in STRIDES)
     # the values are still there for what they are of

@@ -21,7 +21,7 @@ from splatgl.geometry.camera import Camera
 from splatgl.integrations import color_nodes, opacity_nodes, plane_through
 from splatgl.planning.scene import LEAST, THROUGH, Layer, Scene
 from splatgl.scene.shared_renderer import shared_renderer
-from splatgl.splat.settings import BLENDS, Blend, Settings
+from splatgl.splat.settings import Blend, Settings
 from splatgl.transfer.colormaps import SOLID, colormap_name, labels_of
 from splatgl.transfer.presets import SURFACE
 from splatgl.transfer.transfer import Transfer
@@ -56,15 +56,13 @@ def picture(viewer: Any, blend: Blend | None = None, size: tuple[int, int] | Non
 
     Raises InputError without a layer to draw, for other blends, and if other than the last three axes are displayed.
     """
-    if blend is not None and blend not in BLENDS:
-        raise expected("blend", f"one of {', '.join(BLENDS)}", repr(blend))
     layers = visible_layers(viewer)
     images = [layer for layer in layers if kind_of(layer) == "Image"]
     used = blend or RENDERINGS.get(rendering_of(images[0]) if images else "", "composite")
-    scene = Scene([_layer(layer, viewer, used) for layer in layers])
-    camera, mirrored = camera_of(viewer, scene.corners, size)
     settings = Settings(blend=used, background=(0.0, 0.0, 0.0))
-    if used == "attenuated-mip":
+    scene = Scene([_layer(layer, viewer, settings) for layer in layers])
+    camera, mirrored = camera_of(viewer, scene.corners, size)
+    if settings.join == "attenuated":
         settings = settings.but(mip_attenuation=float(getattr(images[0], "attenuation", 0.05)))
     with shared_renderer() as renderer:
         image = renderer.render(scene, camera, settings)
@@ -108,9 +106,9 @@ def left_out(viewer: Any, layers: Sequence[Any], blend: str) -> Iterator[str]:
         yield "layers are mixed by depth, not laid over each other"
 
 
-def _layer(layer: Any, viewer: Any, blend: str) -> Layer:
+def _layer(layer: Any, viewer: Any, settings: Settings) -> Layer:
     volume = volume_of(layer, viewer)
-    transfer = _labels(layer, volume) if kind_of(layer) == "Labels" else _transfer(layer, volume, blend)
+    transfer = _labels(layer, volume) if kind_of(layer) == "Labels" else _transfer(layer, volume, settings)
     planes = _clip_planes(layer, volume, displayed_axes(viewer))
     return Layer(volume, transfer, float(layer.opacity), clip=planes or None)
 
@@ -143,7 +141,7 @@ def volume_of(layer: Any, viewer: Any) -> Volume:
     return volume if color is None else replace(volume, color=np.ascontiguousarray(color[..., :3]))
 
 
-def _transfer(layer: Any, volume: Volume, blend: str) -> Transfer:
+def _transfer(layer: Any, volume: Volume, settings: Settings) -> Transfer:
     """Transfer function of an image layer over its contrast limits, in its colours."""
     if volume.color is not None:
         low, high, colors = 0.0, 255.0, np.repeat(np.linspace(0.0, 1.0, COLORS)[:, None], 3, axis=1)
@@ -152,10 +150,10 @@ def _transfer(layer: Any, volume: Volume, blend: str) -> Transfer:
         shares = np.linspace(0.0, 1.0, COLORS) ** float(layer.gamma)
         colors = np.clip(np.asarray(layer.colormap.map(shares), float)[:, :3], 0.0, 1.0)
     opacities = np.ones(2)
-    if BLENDS[blend].ordered or BLENDS[blend].unbounded:
+    if not settings.shows_value:
         opacities[:] = 0.0, np.clip(-np.expm1(-THROUGH / volume.shortest), LEAST, SURFACE)
     window, colormap = color_nodes(np.linspace(low, high, COLORS), colors)
-    if volume.color is not None and BLENDS[blend].ordered:
+    if volume.color is not None and settings.hides:
         # bright voxels are solid, and dim ones hide little
         nodes = opacity_nodes(np.linspace(low, high, COLORS), np.minimum(colors[:, 0] ** 2, SOLID))
         return Transfer(nodes, colormap, window, unit=volume.lengths.spacing, shading=False)
