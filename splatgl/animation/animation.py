@@ -427,8 +427,7 @@ class FrameJob:
         if over is not None:
             names = over.at(scene.load.get("time", view.volume))
             image = on_ground(annotated(image, over.subject, over.transfer, view.camera, names, ground, True), ground)
-        ground = ground if self.settings.is_sum else None
-        return frames.encoded(view.frame, image, self.bits, ground), notes
+        return frames.encoded(view.frame, image, self.bits), notes
 
     def brightest(
         self, renderer: Renderer, probes: Sequence[tuple[int, Camera]], read: Callable[[int], FrameSubject]
@@ -493,10 +492,10 @@ class Frames:
         """The file of frame number `frame`."""
         return Path(self.template.format(frame=frame))
 
-    def encoded(self, frame: int, image: Image, bits: int, ground: tuple[float, float, float] | None) -> bytes:
+    def encoded(self, frame: int, image: Image, bits: int) -> bytes:
         """The frame's file, with the animation's mark."""
         info = {**image.info, "frame": frame, "animation": self.mark}
-        return Image(image.pixels, info).encoded(self.path(frame), bits, ground)
+        return Image(image.pixels, info).encoded(self.path(frame), bits)
 
     def done(self, frame: int) -> bool:
         """Whether the frame exists. Raises InputError for a frame of another animation."""

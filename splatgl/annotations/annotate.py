@@ -51,7 +51,7 @@ def annotated(
     blend, scale = str(image.info.get("blend", "")), 1.0
     info, pixels = dict(image.info), image.pixels
     if blend == "xray":
-        scale = 1 / (float(pixels.max()) or 1.0)
+        scale = 1 / image.white
         info |= {"blend": "xray over scale", "scale": scale}
         pixels = pixels * np.float32(scale)
     subject = volume if isinstance(volume, Subject) else Subject.of(volume)

@@ -145,8 +145,7 @@ def build_single_case(name: str, state: str, line: str, image: Image | None = No
     """A case without a counterpart: only the image, if there is a displayable one. expected: whether it is expected."""
     if image is None or not np.isfinite(image.pixels).all():
         return Case(name, state, line)
-    peak = float(image.pixels.max()) or 1.0 if image.info.get("blend") == "xray" else 1.0
-    panel = _panel("expected" if expected else "actual", to_display(image, peak))
+    panel = _panel("expected" if expected else "actual", to_display(image, image.white))
     return Case(name, state, line, f'<div class="row">{panel}</div>')
 
 

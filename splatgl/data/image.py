@@ -241,6 +241,13 @@ class Image:
         return str(self.info.get("blend")).partition(" ")[0] == "xray"
 
     @property
+    def white(self) -> float:
+        """The light that is saved and shown as white: that of the brightest component of sums, unless they are scaled
+        to it; else 1.
+        """
+        return (float(self.pixels.max()) or 1.0) if self.info.get("blend") == "xray" else 1.0
+
+    @property
     def ground(self) -> tuple[float, float, float] | None:
         """The background of an X-ray, linear RGB, which its pixels do not hold; None for other images."""
         ground = self.info.get("background") if self.is_sum else None
@@ -250,7 +257,7 @@ class Image:
         """Straight sRGB, uint8 or uint16 [H, W, 4]; the scale of an X-ray is stored in `info`."""
         image = self
         if info.get("blend") == "xray":
-            top = float(self.pixels.max()) or 1.0
+            top = self.white
             # on that of the file which it was read from
             known = info.get("scale")
             info["scale"] = (float(known) if isinstance(known, int | float) else 1.0) / top

@@ -390,8 +390,8 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class ResolvedScene:
-    """Layers and meshes of a picture, with resolved settings. layers: none of a volume in bricks, of which only some are
-    in memory. settings: as they were given.
+    """Layers and meshes of a picture, with resolved settings. layers: none of a volume in bricks.
+    settings: as they were given.
     """
 
     layers: tuple[ResolvedLayer, ...]

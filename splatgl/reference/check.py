@@ -68,8 +68,8 @@ def check(
 
     amount: number of pixels to draw (default PIXELS; 0: none), all if the picture has no more, or seconds, a float.
     field: also compares some of the pixels that show matter with the exact integral of the field, whose values are
-    reconstructed and classified at every point of a ray: `info["checked"]["field"]`. Raises InputError as `resolve_scene`
-    and `check_input`.
+    reconstructed and classified at every point of a ray: `info["checked"]["field"]`. Raises InputError as
+    `resolve_scene` and `check_input`.
     """
     return _check(image, resolve_scene(splats, camera, settings or Settings()), camera, amount, field)
 

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from splatgl.annotations.text import Overlay, Path, Text, draw_overlay, text_box
+from splatgl.data.image import Image
 from splatgl.geometry.camera import Camera
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen, ScreenStyle
@@ -133,7 +134,7 @@ class FrameRenderer:
         # the preview that a full frame just replaced, until the HUD shows their difference
         self.stand_in: np.ndarray | None = None
         self.fresh = False
-        self.brightest = 1.0
+        self.white = 1.0
         self.overlay: Overlay | None = None
         # of the pinned picture
         self.overlay_beside: Overlay | None = None
@@ -191,13 +192,12 @@ class FrameRenderer:
         replaces = level == FULL and self.frame is not None and not self.frame.full
         self.fresh, self.stand_in = replaces, self.pixels if replaces and subject == self.subject else None
         self.subject, self.pose, self.pixels, self.begun = subject, state.pose, pixels, started
-        self.brightest = float(self.pixels.max()) or 1.0
+        self.white = Image(self.pixels, image.info).white
         if pinned is None:
             self.screen.put("picture", self.pixels)
         else:
             # the screen scales the light of both as that of this picture
-            factor = np.float32(1.0 / _scale(state.settings, self.pixels))
-            self.screen.put("picture", np.hstack([self.pixels, pinned * factor]))
+            self.screen.put("picture", np.hstack([self.pixels, pinned * np.float32(self.white)]))
         beyond = partial(share_beyond, first.sample, state.pose.camera, z_k)
         hidden = len(first.at(level.stride)) - len(splats)
         blurred = "motion" in image.info
@@ -209,7 +209,7 @@ class FrameRenderer:
         settings = level.settings(pinned.still)
         matter, settings = pinned.document.subject_at(level.stride, settings)
         image = self.renderer.render(matter, camera, settings, verify_bound=False, interrupted=interrupted)
-        return image.pixels * np.float32(_scale(settings, image.pixels))
+        return image.pixels * np.float32(1.0 / image.white)
 
     def write(self, state: State, document: Document, scale: float, busy: str | None, note: str) -> bool:
         """Redraws the overlay if its text changed; True if so. note: text about the reference.
@@ -257,10 +257,9 @@ class FrameRenderer:
     def look(self, state: State, reference: Reference) -> ScreenStyle:
         """Current display mode; uploads the reference if there is one."""
         background = state.settings.backdrop
-        scale = _scale(state.settings, self.pixels)
         overlay = self.overlay
         written = overlay is not None and bool(overlay.texts or overlay.paths or self.overlay_beside)
-        plain = ScreenStyle(state.ground, scale, overlay=written, background=background)
+        plain = ScreenStyle(state.ground, 1.0 / self.white, overlay=written, background=background)
         right = reference.image
         if right is None or state.compare == "off" or right.pixels.shape != self.pixels.shape:
             return plain
@@ -297,9 +296,8 @@ class FrameRenderer:
         """The preview's error against the current frame; for an X-ray, relative to its brightest pixel."""
         height, width, _ = self.pixels.shape
         step = 1 + max(width, height) // ENOUGH
-        xray = self.frame is not None and self.frame.info["blend"] == "xray"
-        one = self.brightest if xray else 1.0
-        return Difference.of(resize_bilinear(stand_in, (width, height), step) / one, self.pixels[::step, ::step] / one)
+        stand_in, pixels = resize_bilinear(stand_in, (width, height), step), self.pixels[::step, ::step]
+        return Difference.of(stand_in / self.white, pixels / self.white)
 
     def _overlay(self, state: State, document: Document, scale: float, note: str) -> Overlay:
         texts, size = [], state.pose.camera.size
@@ -325,11 +323,6 @@ class FrameRenderer:
             polygon = tuple((round(float(x)), round(float(y))) for x, y in section)
             paths = ((*polygon, polygon[0]),) if polygon else ()
         return Overlay(size, scale, tuple(texts), paths)
-
-
-def _scale(settings: Settings, pixels: np.ndarray) -> float:
-    """Factor of the light on the screen: an X-ray is shown relative to its brightest pixel."""
-    return 1.0 / (settings.brightest(pixels) or 1.0)
 
 
 def _with_edge(overlay: np.ndarray) -> np.ndarray:

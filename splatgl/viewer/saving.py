@@ -70,7 +70,7 @@ def draw_marks(image: Image, strokes: Sequence[Stroke], sprites: Sequence[Sprite
         layer.segments(ends, BLACK, float(linear_opacity(RIM * alpha)), stroke.width + stroke.rim)
         layer.segments(ends, (red, green, blue), alpha, stroke.width)
     under = (1 - layer.pixels[..., 3:]) * image.pixels
-    return Image(under + _white(image) * layer.pixels, image.info)
+    return Image(under + np.float32(image.white) * layer.pixels, image.info)
 
 
 def linear_opacity(alpha: np.ndarray | float) -> np.ndarray:
@@ -88,10 +88,10 @@ def append_pinned(image: Image, right: Image) -> Image:
     """A picture with another one of its height at its right, as on the screen: an X-ray relative to its brightest
     pixel, and a line between both.
     """
-    beside = Image(right.pixels / _white(right))
+    beside = Image(right.pixels / np.float32(right.white))
     pixels = (beside if right.ground is None else beside.over(right.ground)).pixels
     pixels[:, 0] = *linear_from_srgb(np.array(EDGE[:3]) / 255), 1.0
-    return Image(np.concatenate([image.pixels, _white(image) * pixels], axis=1), image.info)
+    return Image(np.concatenate([image.pixels, np.float32(image.white) * pixels], axis=1), image.info)
 
 
 def append_slices(image: Image, slices: np.ndarray) -> Image:
@@ -101,12 +101,7 @@ def append_slices(image: Image, slices: np.ndarray) -> Image:
     slices = np.pad(slices[:height], ((0, max(height - len(slices), 0)), (0, 0), (0, 0)))
     light = np.ones((*slices.shape[:2], 4), np.float32)
     light[..., :3] = linear_from_srgb(slices / 255)
-    return Image(np.concatenate([image.pixels, _white(image) * light], axis=1), image.info)
-
-
-def _white(image: Image) -> np.float32:
-    """The light that is saved as white: an X-ray is saved relative to its brightest pixel."""
-    return np.float32((float(image.pixels.max()) or 1.0) if image.info["blend"] == "xray" else 1.0)
+    return Image(np.concatenate([image.pixels, np.float32(image.white) * light], axis=1), image.info)
 
 
 RENDERED = "splatgl render draws it, as large as it is"
