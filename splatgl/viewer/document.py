@@ -21,7 +21,6 @@ from splatgl.errors import expected
 from splatgl.geometry.camera import Bounded, Camera
 from splatgl.geometry.clipping import Plane
 from splatgl.geometry.slices import Slice, parse_slices
-from splatgl.planning.culling import eye_is_outside
 from splatgl.planning.scene import MOST_LAYERS, Layer, Scene
 from splatgl.scene.meshes import MeshFile, read_meshes, source_key, styled_mesh, surfaces_of
 from splatgl.scene.open_scene import OpenScene, on_background, open_layer, source_layers
@@ -303,10 +302,7 @@ class Document:
         """
         if not self.is_layered:
             layer = self.layers[0]
-            if eye is not None and settings.hides and not settings.clip:
-                shell = layer.shell(stride)
-                return shell if eye_is_outside(shell, eye) else layer.at(stride), settings
-            return layer.at(stride), settings
+            return layer.at(stride) if eye is None else layer.seen_from(eye, stride, settings), settings
         return self.scene_at(stride, settings.clip), settings.but(clip=())
 
     def scene_at(self, stride: int, clip: Sequence[Plane]) -> Scene:

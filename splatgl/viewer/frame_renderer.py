@@ -15,9 +15,9 @@ from splatgl.data.image import Image
 from splatgl.geometry.camera import Camera
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen, ScreenStyle
-from splatgl.planning.culling import FAITHFUL, clip_behind_eye
-from splatgl.planning.plan import Blurred
-from splatgl.planning.resolve import Resolved, has_streaks, select_splats
+from splatgl.planning.culling import FAITHFUL
+from splatgl.planning.plan import Blurred, ResolvedLayer
+from splatgl.planning.resolve import has_streaks
 from splatgl.scene.draw import print_lines
 from splatgl.splat.motion import Motion
 from splatgl.splat.settings import Settings
@@ -159,8 +159,7 @@ class FrameRenderer:
         # the classification of the extracted splats
         requested = state.settings.but(motion=state.blur, classification="auto")
         first, layered = document.drawn_layers[0], document.is_layered
-        whole = clip_behind_eye(select_splats(first.finest, requested, False, state.pose.camera), state.pose.camera)
-        resolved = Resolved.of(whole, state.pose.camera, requested)
+        resolved = ResolvedLayer.of(first.finest, state.pose.camera, requested).resolved
         # neither the reference nor layers are tinted
         tint = state.show_zk and state.compare == "off" and not layered
         z_k = resolved.z_k

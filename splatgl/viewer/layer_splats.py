@@ -13,7 +13,7 @@ from splatgl.data.volume import Volume
 from splatgl.geometry.camera import Bounded
 from splatgl.geometry.clipping import Plane, check_planes
 from splatgl.geometry.scissors import Scissors, cut_volume
-from splatgl.planning.culling import visible_shell
+from splatgl.planning.culling import eye_is_outside, visible_shell
 from splatgl.planning.opaque_bounds import Opaque
 from splatgl.planning.resolve import extraction_kind, why_per_splat
 from splatgl.planning.scene import Layer
@@ -186,6 +186,13 @@ class LayerSplats:
             same = stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume
             self.shells[stride] = self.shell(1, progress) if same else visible_shell(self.at(stride, progress))
         return self.shells[stride]
+
+    def seen_from(self, eye: np.ndarray, stride: int, settings: Settings) -> Splats:
+        """The splats at a stride, without hidden ones if an eye [3] is outside, and planes do not expose the inside."""
+        if not settings.hides or settings.clip:
+            return self.at(stride)
+        shell = self.shell(stride)
+        return shell if eye_is_outside(shell, eye) else self.at(stride)
 
     @property
     def is_post_classified(self) -> bool:
