@@ -28,7 +28,6 @@ from splatgl.planning.culling import clip_behind_eye
 from splatgl.planning.opaque_bounds import Opaque
 from splatgl.planning.plan import Plan, ResolvedLayer, plan_layer
 from splatgl.planning.resolve import (
-    Resolved,
     blur_form,
     check_blur_supported,
     extract_for_settings,
@@ -489,7 +488,14 @@ def _composited(layers: Sequence[ResolvedLayer]) -> tuple[ResolvedLayer, ...]:
     splat.
     """
     for layer in layers:
-        _check_composited(layer.resolved, layer.splats.name)
+        resolved, name = layer.resolved, layer.splats.name or "without a name"
+        if resolved.sheets is None and not resolved.boxes:
+            why = next(
+                (note for note in resolved.notes if note.startswith("sheets")), "compositing splats was asked for"
+            )
+            raise InputError(f"layer {name}: layers composite in sheets, not splat by splat; {why}")
+        if resolved.display:
+            raise expected("target rgba8", "a single layer, without meshes", "more of them")
     casters = tuple((layer.front, layer.settings.clip) for layer in layers)
     allowed, together = min(layer.resolved.allowed for layer in layers), []
     for layer in layers:
@@ -531,15 +537,6 @@ def common_samples(
     if len(samples) == 1:
         return list(layers)
     return [(splats, replace(look, antialias="supersample", samples=max(samples))) for splats, look in layers]
-
-
-def _check_composited(resolved: Resolved, name: str) -> None:
-    """Raises InputError for a layer that composites splat by splat, whose order among other layers is unknown."""
-    if resolved.sheets is None and not resolved.boxes:
-        why = next((note for note in resolved.notes if note.startswith("sheets")), "compositing splats was asked for")
-        raise InputError(f"layer {name or 'without a name'}: layers composite in sheets, not splat by splat; {why}")
-    if resolved.display:
-        raise expected("target rgba8", "a single layer, without meshes", "more of them")
 
 
 def join_pictures(pictures: Sequence[np.ndarray], settings: Settings) -> np.ndarray:
