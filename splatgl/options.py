@@ -31,6 +31,8 @@ class Group(StrEnum):
     OPENGL = "OpenGL"
     PAPER = "the paper's method, and experts"
     ANIMATION = "animation"
+    COMPARISON = "comparison"
+    LIMITS = "limits"
 
 
 def _literal(*values: object) -> str:

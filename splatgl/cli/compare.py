@@ -10,15 +10,16 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from splatgl.comparison.compare import ALIGNMENTS
+from splatgl.cli.options import add_option
 from splatgl.comparison.metrics import require_flip
 from splatgl.comparison.pairs import DIFFERENT, UNUSABLE, Files, Outcome, build_cases, compare_all
 from splatgl.comparison.pictures import Picture, find_pairs, match_formats
-from splatgl.comparison.settings import LIMITS, METRICS, Settings, read_limit
-from splatgl.comparison.verdict import NOISE, Criteria, Pair, Tolerance, Verdict, judge
+from splatgl.comparison.settings import STATED, CompareOptions
+from splatgl.comparison.verdict import Criteria, Pair, Tolerance, Verdict, judge
 from splatgl.data.image import Image, encode_png
-from splatgl.errors import InputError, expected
+from splatgl.errors import expected
 from splatgl.fileio import check_output, write_file
+from splatgl.options import Group, Kind
 
 # delay of the progress bar in seconds
 PATIENCE = 1.0
@@ -30,33 +31,17 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         "actual", metavar="ACTUAL", help="picture, .png (8 or 16 bits), .npy, .gif, .pdf, .mp4 …, or a folder of them"
     )
     parser.add_argument("expected", metavar="EXPECTED", help="correct picture, or a folder with the same file names")
-    names = ", ".join(METRICS)
-    parser.add_argument("--metric", type=_metrics, metavar="M,M…", help=f"metrics to print: {names}; or all")
-    parser.add_argument("--mask", metavar="FILE", help="compare only where this picture is not black")
-    about = "do not compare a rectangle, where a picture is not black, or a region of pyproject.toml; may be repeated"
-    parser.add_argument("--ignore", action="append", metavar="LEFT,TOP,WIDTH,HEIGHT|FILE|NAME", help=about)
-    about = "do not compare pixels that only smooth an edge"
-    parser.add_argument("--ignore-antialiased", dest="antialiased", action="store_const", const=False, help=about)
-    about = "also compare RGB with RGBA or gray, as they look"
-    parser.add_argument("--any-mode", action="store_const", const=True, help=about)
-    about = f"lay pictures of other sizes over each other by: {' or '.join(ALIGNMENTS)} (default: corner)"
-    parser.add_argument("--align", choices=ALIGNMENTS, metavar="HOW", help=about)
     parser.add_argument("--diff", metavar="FILE.png", help="write the difference: black, to pale yellow at the maximum")
     parser.add_argument("--report", metavar="FILE.html", help="write an HTML page of all differences")
     parser.add_argument("--summary", metavar="FILE.md", help="append a summary in Markdown ($GITHUB_STEP_SUMMARY)")
     parser.add_argument("--junit", metavar="FILE.xml", help="write a JUnit report, and the pictures that it attaches")
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
     parser.add_argument("--quiet", action="store_true", help="print only pairs that differ or cannot be compared")
-    parser.add_argument("--processes", type=_count, metavar="N", help="at most (default: one a core)")
-    group = parser.add_argument_group(
-        "limits", "default: rounding to 8 bits passes; any limit replaces the default ones"
-    )
-    about = f"limits by name: {' or '.join(NOISE)}; driver allows few, scattered pixels that differ by few levels"
-    group.add_argument("--noise", choices=tuple(NOISE), metavar="NAME", help=about)
-    about = "smallest difference of a pixel that --max-share counts (default: one 8-bit step)"
-    group.add_argument("--threshold", type=_limit, metavar="E", help=about)
-    for name, _, about in LIMITS:
-        group.add_argument(f"--{name}", type=_limit, metavar="E" if name == "tolerance" else "X", help=about)
+    count = replace(whole := Kind.whole(1), read=lambda text: whole.check(int(text)))
+    parser.add_argument("--processes", type=count.parse, metavar="N", help="at most (default: one a core)")
+    parser.add_argument_group(Group.LIMITS, "default: rounding to 8 bits passes; any limit replaces the default ones")
+    for name, option in STATED.values():
+        add_option(parser, name, option)
     parser.set_defaults(run=run)
 
 
@@ -97,17 +82,10 @@ def check_against(image: Image, reference: Picture, output: Path) -> Verdict:
     return judge(first, second, Tolerance(), frozenset(), (str(output), reference.name))
 
 
-# options that are settings of comparisons, too
-NAMES = ("metric", "any-mode", "antialiased", "align", "noise", "threshold", *(name for name, *_ in LIMITS))
-
-
 def _criteria(args: argparse.Namespace) -> Criteria:
     """The criteria of the project and of the command line, whose files are relative to the working folder."""
-    from_here = Settings.of_project(Path()).but({name: getattr(args, name.replace("-", "_")) for name in NAMES})
-    for name in ("mask", "ignore"):
-        if getattr(args, name):
-            from_here = replace(from_here, folder=Path()).but({name: getattr(args, name)})
-    criteria = from_here.criteria()
+    stated = {key: getattr(args, name) for key, (name, _) in STATED.items()}
+    criteria = replace(CompareOptions.of_project(Path()), folder=Path()).changed(stated).resolve()
     if "flip" in criteria.extra | criteria.tolerance.extra:
         require_flip()
     return criteria
@@ -178,27 +156,6 @@ def _record(outcome: Outcome) -> dict[str, object]:
         "metrics": numbers,
         "limits": {key: value for key, value in asdict(verdict.tolerance).items() if value is not None},
     }
-
-
-def _metrics(text: str) -> tuple[str, ...]:
-    names = METRICS if text == "all" else tuple(text.split(","))
-    if not set(names) <= set(METRICS):
-        raise argparse.ArgumentTypeError(f"expected all, or some of {', '.join(METRICS)}, got {text}")
-    return names
-
-
-def _limit(text: str) -> float:
-    """Parses a number or a fraction such as 2/255."""
-    try:
-        return read_limit("", text)
-    except InputError as error:
-        raise argparse.ArgumentTypeError(str(error).removeprefix(": ")) from error
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a number from 1, got {text!r}")
-    return int(text)
 
 
 def _bar(outcomes: Iterable[Outcome], count: int, quiet: bool) -> Iterator[Outcome]:

@@ -14,8 +14,9 @@ import numpy as np
 
 from splatgl.comparison.compare import BAND_ROWS, Comparison
 from splatgl.comparison.metrics import over_channels
-from splatgl.comparison.verdict import Pair, Verdict, format_metric
+from splatgl.comparison.verdict import Pair, Tolerance, Verdict, format_metric
 from splatgl.data.image import Image, encode_png
+from splatgl.options import declared
 
 # pixels along the longer side of an image in a report, and of the enlarged detail
 LARGEST, DETAIL = 1024, 64
@@ -98,18 +99,6 @@ MOST_PICTURED = 100
 STATES = ("unusable", "different", "missing", "same")
 # the page's styles, script and controls, beside this file
 ASSETS = ("report.css", "report.js", "report_controls.html")
-HINTS = {
-    "maximum": "largest difference of a channel",
-    "rmse": "root mean square of the differences",
-    "bias": "mean difference of the channel where it is largest",
-    "share": "pixels over the threshold",
-    "unmatched": "of these, what no neighbouring pixel explains",
-    "levels": "largest difference in levels of 8 bits",
-    "density": "of these in a window of 7×7",
-    "flip": "mean FLIP error as seen at 0.7 m",
-    "psnr": "peak over rmse",
-    "ssim": "mean structural similarity",
-}
 
 
 @dataclass(frozen=True)
@@ -285,5 +274,5 @@ def _table(verdict: Verdict) -> str:
             "" if check.limit is None else ("≥ " if check.at_least else "≤ ") + format_metric(check.name, check.limit)
         )
         states.append("" if check.limit is None else ("ok" if check.ok else "broken"))
-        rows.append((check.name, format_metric(check.name, check.value), limit, HINTS.get(check.name, "")))
+        rows.append((check.name, format_metric(check.name, check.value), limit, declared(Tolerance)[check.name].help))
     return html_table(("metric", "value", "limit", ""), rows, states, "metrics")

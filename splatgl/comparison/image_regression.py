@@ -15,14 +15,14 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import count
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
 
 from splatgl.comparison.html_report import Case, build_case, build_single_case
 from splatgl.comparison.pictures import Picture, as_images, match_formats, read
-from splatgl.comparison.settings import Settings
+from splatgl.comparison.settings import CompareOptions
 from splatgl.comparison.verdict import Criteria, Pair, Tolerance, Verdict
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
@@ -122,13 +122,11 @@ def classes_of(image: Image, setting: str | None) -> tuple[str, ...]:
     """
     renderer = renderer_class(image)
     classes = (renderer,) if renderer else ()
-    if setting is None:
-        return classes
     if setting == "cpu":
         return (f"cpu-{processor_vendor()}", *classes) if renderer in (None, "llvmpipe") else classes
-    if not isinstance(setting, str) or not re.fullmatch("[a-z][a-z0-9-]*[a-z]", setting) or setting == PORTABLE:
+    if setting is not None and (not re.fullmatch("[a-z][a-z0-9-]*[a-z]", setting) or setting == PORTABLE):
         raise expected("class", "cpu, or small letters, digits and - that end in a letter", repr(setting))
-    return (setting, *classes)
+    return (setting, *classes) if setting else classes
 
 
 def file_stem(name: str) -> str:
@@ -144,18 +142,18 @@ def file_stem(name: str) -> str:
 class ImageRegression:
     """The fixture's value: call it with an image.
 
-    test: its id on pytest's command line. folder: of its baselines. default_name: of baselines. mode: the baselines to
-    write. cases: collects the comparisons. settings: of the project.
+    test: its id on pytest's command line. folder: of its baselines. default_name: of baselines. mode: of the baselines
+    to write: update, class, add, or "". cases: collects the comparisons. options: of the project.
     """
 
     test: str
     file: Path
     folder: Path
     default_name: str
-    mode: Literal["", "update", "update-class", "add"]
+    mode: str
     cases: list[dict[str, str]]
     report: bool = False
-    settings: Settings = field(default_factory=Settings)
+    options: CompareOptions = field(default_factory=CompareOptions)
     used: set[str] = field(default_factory=set)
 
     def __call__(
@@ -171,16 +169,16 @@ class ImageRegression:
 
         image: see `as_image`; or an image file, of which each page or frame has a baseline. name: of the baseline; the
         test's own if None. tolerance: the largest difference of a channel, or a `Tolerance`; None allows what the
-        project's settings allow, by default rounding to 8 bits. bits: 8 or 16 for a PNG, None for a .npy of floats;
+        project's options allow, by default rounding to 8 bits. bits: 8 or 16 for a PNG, None for a .npy of floats;
         `image` is rounded accordingly before the comparison. mask: [H, W], the pixels to compare. options: further
-        settings, as on the command line of `splatgl compare`: noise, max_rmse, ignore, antialiased, align, class_, ….
+        options, as on the command line of `splatgl compare`: noise, max_rmse, ignore, antialiased, align, class_, ….
         """
         __tracebackhide__ = True
         failures = []
         try:
             keywords = {key.rstrip("_"): value for key, value in options.items()}
-            settings = self.settings.but({"tolerance": tolerance, **keywords})
-            criteria = settings.criteria()
+            stated = self.options.changed({"tolerance": tolerance, **keywords})
+            criteria = stated.resolve()
             if mask is not None:
                 counts = np.asarray(mask, bool)
                 criteria = replace(criteria, mask=counts if criteria.mask is None else counts & criteria.mask)
@@ -188,7 +186,7 @@ class ImageRegression:
             for number, picture in enumerate(pictures, 1):
                 stem = self._stem(name, number if len(pictures) > 1 else 0)
                 suffix = ".png" if bits else ".npy"
-                baselines = Baselines(self.folder, stem, classes_of(picture, settings.get("class")), suffix)
+                baselines = Baselines(self.folder, stem, classes_of(picture, stated.baseline_class), suffix)
                 failures += [self._outcome(picture, baselines, criteria, bits)]
             if len(pictures) > 1 and not self.mode:
                 failures += [self._surplus(name, len(pictures))]
@@ -223,7 +221,7 @@ class ImageRegression:
             self._keep(Case(title, "same", match.line), baselines)
             return ""
         if self.mode:
-            targets = {"add": baselines.fresh, "update-class": lambda: baselines.of_class, "update": baselines.current}
+            targets = {"add": baselines.fresh, "class": lambda: baselines.of_class, "update": baselines.current}
             return self._write(title, picture, baselines, targets[self.mode](), bits)
         if not paths:
             return self._missing(title, picture, baselines)

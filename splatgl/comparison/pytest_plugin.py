@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,12 +17,16 @@ import pytest
 if TYPE_CHECKING:
     from splatgl.comparison.html_report import Case
     from splatgl.comparison.image_regression import ImageRegression
-    from splatgl.comparison.settings import Settings
+    from splatgl.comparison.settings import CompareOptions
 
 
-UPDATE, REPORT = "--splatgl-update", "--splatgl-report"
-UPDATE_CLASS, ADD = "--splatgl-update-class", "--splatgl-update-add"
-SUMMARY = "--splatgl-summary"
+# options that write baselines, and those of outputs, which projects state too
+MODES = {
+    "--splatgl-update": "write missing baselines, and rewrite baselines that differ",
+    "--splatgl-update-class": "write baselines for this class of renderers only (llvmpipe, …)",
+    "--splatgl-update-add": "add pictures that differ as further baselines for this class of renderers",
+}
+REPORT, SUMMARY = "--splatgl-report", "--splatgl-summary"
 # the name of the settings in pytest.ini and of pytest's tables in other files
 INI = "splatgl"
 # attribute of a test report with the compared cases
@@ -31,7 +34,7 @@ CASES_ATTRIBUTE = "splatgl_cases"
 # the fixture's former name, which pytest-regressions uses for another fixture
 FORMER_NAME = "image_regression"
 CASES: pytest.StashKey[list[dict[str, str]]] = pytest.StashKey()
-SETTINGS: pytest.StashKey[Settings] = pytest.StashKey()
+OPTIONS: pytest.StashKey[CompareOptions] = pytest.StashKey()
 # the folder in the report's for pictures that a JUnit report attaches
 ATTACHMENTS = "attachments"
 
@@ -39,19 +42,19 @@ ATTACHMENTS = "attachments"
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Adds the plugin's options to pytest."""
     group = parser.getgroup("splatgl", "image regression (splatgl)")
-    add = group.addoption
-    add(UPDATE, action="store_true", help="write missing baselines, and rewrite baselines that differ")
-    add(UPDATE_CLASS, action="store_true", help="write baselines for this class of renderers only (llvmpipe, …)")
-    add(ADD, action="store_true", help="add pictures that differ as further baselines for this class of renderers")
-    add(REPORT, metavar="DIR", help="write all comparisons to DIR/index.html, with pictures of the differences")
-    add(SUMMARY, metavar="FILE", help="append a summary in Markdown to FILE, such as $GITHUB_STEP_SUMMARY")
+    for mode, about in MODES.items():
+        group.addoption(mode, action="store_true", help=about)
+    about = "write all comparisons to DIR/index.html, with pictures of the differences"
+    group.addoption(REPORT, metavar="DIR", help=about)
+    about = "append a summary in Markdown to FILE, such as $GITHUB_STEP_SUMMARY"
+    group.addoption(SUMMARY, metavar="FILE", help=about)
     parser.addini(INI, "settings of comparisons in TOML, as in [tool.splatgl.compare] of pyproject.toml", default="")
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_configure(config: pytest.Config) -> None:
     """Checks the options, creates the report folder, registers the collector and the fixture's former name if free."""
-    modes = [option for option in (UPDATE, UPDATE_CLASS, ADD) if _option(config, option)]
+    modes = [mode for mode in MODES if _option(config, mode)]
     if len(modes) > 1:
         raise pytest.UsageError(f"{' and '.join(modes)}: expected one of them")
     folder = _option(config, REPORT)
@@ -71,30 +74,30 @@ def _option(config: pytest.Config, name: str) -> Any:
     return config.getoption(name.lstrip("-").replace("-", "_"), None)
 
 
-def settings_of(config: pytest.Config) -> Settings:
-    """The project's settings: of pyproject.toml and of pytest's configuration. Bad ones fail the test."""
-    from splatgl.comparison.settings import Settings
+def options_of(config: pytest.Config) -> CompareOptions:
+    """The project's options: of pyproject.toml and of pytest's configuration. Bad ones fail the test."""
+    from splatgl.comparison.settings import CompareOptions
     from splatgl.errors import InputError
     from splatgl.fileio import parse_table
 
     fault = ""
-    if SETTINGS not in config.stash:
+    if OPTIONS not in config.stash:
         try:
             table = parse_table(config.getini(INI), f"{INI}: expected settings in TOML")
-            settings = Settings.of_project(config.rootpath).but(table, INI)
-            config.stash[SETTINGS] = replace(settings, folder=config.rootpath)
+            project = CompareOptions.of_project(config.rootpath, config.rootpath)
+            config.stash[OPTIONS] = project.changed(table, INI)
         except InputError as error:
             fault = str(error)
     if fault:
         # not within the handler: pytest prints an exception with those that it was raised in
         pytest.fail(fault, pytrace=False)
-    return config.stash[SETTINGS]
+    return config.stash[OPTIONS]
 
 
-def output_of(config: pytest.Config, option: str) -> Path | None:
-    """The folder of the report, or the file of the summary: of the option, else of the settings."""
-    path = _option(config, option)
-    return Path(path) if path else settings_of(config).path(option.rpartition("-")[2])
+def output_of(config: pytest.Config, name: str) -> Path | None:
+    """The folder of the report, or the file of the summary: of pytest's option, else of the project."""
+    path = _option(config, name)
+    return Path(path) if path else getattr(options_of(config), name.rpartition("-")[2])
 
 
 @pytest.fixture
@@ -102,15 +105,13 @@ def splatgl_image(request: pytest.FixtureRequest) -> ImageRegression:
     """Call it with an image: `splatgl_image(image)`, `splatgl_image(image, name="front", tolerance=0.02)`."""
     from splatgl.comparison.image_regression import FOLDER, ImageRegression
 
-    modes = {UPDATE: "update", UPDATE_CLASS: "update-class", ADD: "add"}
-    mode: Any = next((mode for option, mode in modes.items() if _option(request.config, option)), "")
     # path relative to the invocation folder, which may differ from the root of test ids, and be on another drive
     file = str(request.node.path)
     with suppress(ValueError):
         file = os.path.relpath(file, request.config.invocation_params.dir)
     parts = [node.name for node in request.node.listchain() if isinstance(node, (pytest.Class, pytest.Item))]
-    path, settings = Path(request.node.path), settings_of(request.config)
-    folder, root = settings.path("baselines"), request.config.rootpath
+    path, options = Path(request.node.path), options_of(request.config)
+    folder, root = options.baselines, request.config.rootpath
     if folder is None:
         folder = path.parent / FOLDER
     elif path.is_relative_to(root):
@@ -119,9 +120,9 @@ def splatgl_image(request: pytest.FixtureRequest) -> ImageRegression:
         test="::".join([Path(file).as_posix(), *parts]),
         file=path,
         folder=folder / path.stem,
-        settings=settings,
+        options=options,
         default_name="-".join(parts),
-        mode=mode,
+        mode=next((mode.rpartition("-")[2] for mode in MODES if _option(request.config, mode)), ""),
         cases=request.node.stash.setdefault(CASES, []),
         report=output_of(request.config, REPORT) is not None,
     )

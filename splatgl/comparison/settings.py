@@ -1,9 +1,10 @@
-"""Settings of comparisons: from pyproject.toml, pytest's configuration, the command line and calls, in that order."""
+"""Options of comparisons: from pyproject.toml, pytest's configuration, the command line and calls, in that order."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,138 +12,30 @@ from typing import Any
 import numpy as np
 
 from splatgl.coercion import public
-from splatgl.comparison.compare import ALIGNMENTS, NAMES
+from splatgl.comparison.compare import EXTRA, NAMES
 from splatgl.comparison.pictures import as_image, match_images, read_mask
-from splatgl.comparison.verdict import NOISE, Criteria, Pair, Tolerance, Verdict
+from splatgl.comparison.verdict import LIMIT, METRICS, NOISE, Criteria, Pair, Tolerance, Verdict, criterion, limiting
 from splatgl.errors import error_prefix, expected
 from splatgl.fileio import load_table
-from splatgl.options import refuse_unknown
+from splatgl.options import Kind, checked, declared, flag_name, option, refuse_unknown
 
-METRICS = ("maximum", "rmse", "psnr", "bias", "share", "unmatched", "levels", "density", "ssim", "flip")
-# names of limits, their fields of Tolerance, and help
-LIMITS = (
-    ("tolerance", "maximum", "same as --max-difference E"),
-    ("max-difference", "maximum", "largest difference of a channel"),
-    ("max-rmse", "rmse", "root mean square of the differences"),
-    ("max-bias", "bias", "mean difference of a channel"),
-    ("max-share", "share", "share of pixels above --threshold, 0 to 1"),
-    ("max-unmatched", "unmatched", "that share without edges that moved by one pixel"),
-    ("max-levels", "levels", "largest difference of 8-bit samples, sRGB and alpha"),
-    ("max-density", "density", "largest share of pixels above --threshold in a window of 7×7 or on a line"),
-    ("max-flip", "flip", "mean FLIP error, 0 to 1 (extra compare)"),
-    ("min-psnr", "psnr", "PSNR in decibels"),
-    ("min-ssim", "ssim", "structural similarity, up to 1"),
-)
-FIELDS = {name: limit for name, limit, _ in LIMITS}
-# settings of a project alone: names of regions, folder of baselines, classes of renderers and processors, page, summary
-PROJECT = ("regions", "baselines", "class", "report", "summary")
-KEYS = (*FIELDS, "threshold", "noise", "metric", "mask", "ignore", "antialiased", "align", "any-mode", *PROJECT)
 FILE, TABLE = "pyproject.toml", "[tool.splatgl.compare]"
+Rectangle = tuple[int, int, int, int]
 
 
-@dataclass(frozen=True)
-class Settings:
-    """values: by the names in KEYS. folder: relative names of files in them start here."""
+def _check_tolerance(value: Any) -> Tolerance | float | None:
+    return value if isinstance(value, Tolerance) else LIMIT.check(value)
 
-    values: Mapping[str, Any] = field(default_factory=dict)
-    folder: Path = Path()
 
-    @classmethod
-    def of_project(cls, start: Path) -> Settings:
-        """The table [tool.splatgl.compare] of the nearest pyproject.toml in a folder or above it; empty without one."""
-        file = next((f / FILE for f in (start, *start.resolve().parents) if (f / FILE).is_file()), None)
-        if file is None:
-            return cls(folder=start)
-        tables = load_table(file, "a project").get("tool", {}).get("splatgl", {})
-        if not isinstance(tables, dict) or not isinstance(tables.get("compare", {}), dict):
-            raise expected(f"{file}: {TABLE}", "a table", "another value")
-        refuse_unknown(f"{file}: [tool.splatgl]", tables, ("compare",), f"the table {TABLE}")
-        return cls(folder=file.parent).but(tables.get("compare", {}), f"{file}: {TABLE}")
+def _check_metrics(value: Any) -> tuple[str, ...]:
+    names = METRICS if value == "all" else tuple(value.split(",") if isinstance(value, str) else value)
+    if not set(names) <= set(METRICS):
+        raise ValueError
+    return names
 
-    def but(self, values: Mapping[str, Any], what: str = "options") -> Settings:
-        """The settings with others. A limit among them replaces all limits, `noise` too. what: their place."""
-        named = {name.replace("_", "-"): value for name, value in values.items() if value is not None}
-        refuse_unknown(what, named, KEYS)
-        limits = {"noise", *FIELDS}
-        others = {k: v for k, v in self.values.items() if k not in limits or not limits & set(named)}
-        changed = replace(self, values={**others, **named})
-        if what != "options":
-            with error_prefix(what):
-                changed.criteria()
-        return changed
 
-    def get(self, name: str, default: Any = None) -> Any:
-        """A value by its name."""
-        return self.values.get(name, default)
-
-    def path(self, name: str) -> Path | None:
-        """A file or folder by the name of its setting; relative to the settings' folder."""
-        value = self.get(name)
-        if value is not None and not isinstance(value, str):
-            raise expected(name, "a name", repr(value))
-        return self.folder / value if value else None
-
-    def criteria(self) -> Criteria:
-        """The criteria of a comparison. Raises InputError for bad values."""
-        noise, align = self.get("noise", "none"), self.get("align", "corner")
-        for name, value, known in (("noise", noise, NOISE), ("align", align, ALIGNMENTS)):
-            if value not in known:
-                raise expected(name, " or ".join(known), repr(value))
-        for name in ("antialiased", "any-mode"):
-            if not isinstance(self.get(name, True), bool):
-                raise expected(name, "true or false", repr(self.get(name)))
-        metrics = self.get("metric", ())
-        rectangles, pictures = self._ignored()
-        mask = read_mask(self.folder / self.get("mask")) if self.get("mask") else None
-        for name in pictures:
-            counts = ~read_mask(self.folder / name)
-            if mask is not None and mask.shape != counts.shape:
-                raise expected(f"ignore: {name}", "the mask's size", f"{counts.shape[1]}×{counts.shape[0]}")
-            mask = counts if mask is None else mask & counts
-        return Criteria(
-            tolerance=self._tolerance(NOISE[noise]),
-            extra=frozenset(metrics) & {"ssim", "flip", "levels", "density"},
-            mask=mask,
-            ignore=rectangles,
-            antialiased=self.get("antialiased", True),
-            any_mode=self.get("any-mode", False),
-            align=align,
-        )
-
-    def _tolerance(self, noise: Tolerance) -> Tolerance:
-        """The limits: those given, else those of the noise."""
-        threshold = self.get("threshold")
-        threshold = None if threshold is None else read_limit("threshold", threshold)
-        tolerance = self.get("tolerance")
-        if isinstance(tolerance, Tolerance):
-            return tolerance
-        limits: dict[str, float] = {}
-        for name, limit in FIELDS.items():
-            if name in self.values:
-                value = read_limit(name, self.values[name])
-                limits[limit] = min(value, limits.get(limit, math.inf))
-        return Tolerance.only(threshold, **limits) if limits else replace(noise, threshold=threshold)
-
-    def _ignored(self) -> tuple[tuple[tuple[int, int, int, int], ...], list[str]]:
-        """Rectangles, and names of pictures, that are not compared: of `ignore` and of the regions that it names."""
-        regions = self.get("regions", {})
-        if not isinstance(regions, Mapping):
-            raise expected("regions", "names with rectangles, such as clock = [0, 0, 90, 20]", repr(regions))
-        rectangles, pictures = [], []
-        ignored = self.get("ignore", ())
-        for part in [ignored] if isinstance(ignored, str) or _is_rectangle(ignored) else ignored:
-            region = regions.get(part, part) if isinstance(part, str) else part
-            if isinstance(region, str) and "," in region:
-                region = [int(n) if n.strip().isdigit() else n for n in region.split(",")]
-            if _is_rectangle(region):
-                left, top, width, height = (int(n) for n in region)
-                rectangles.append((left, top, width, height))
-            elif isinstance(region, str) and Path(region).suffix:
-                pictures.append(region)
-            else:
-                this = "left,top,width,height in pixels, a picture, or a name of " + (", ".join(regions) or "regions")
-                raise expected("ignore", this, repr(part))
-        return tuple(rectangles), pictures
+def _list_parts(value: Any) -> list[Any]:
+    return [value] if isinstance(value, str) or _is_rectangle(value) else list(value)
 
 
 def _is_rectangle(value: Any) -> bool:
@@ -152,16 +45,131 @@ def _is_rectangle(value: Any) -> bool:
     return len(numbers) == 4 and are_counts and min(numbers[2:]) > 0
 
 
-def read_limit(name: str, value: Any) -> float:
-    """A number from 0, or a fraction such as 2/255 as text. Raises InputError for others."""
-    try:
-        top, _, bottom = str(value).partition("/")
-        number = float(top) / float(bottom or 1)
-    except (ValueError, ZeroDivisionError):
-        number = math.nan
-    if isinstance(value, bool) or not 0 <= number < math.inf:
-        raise expected(name, "a number from 0, or a fraction such as 2/255", repr(value))
-    return number
+SOME = f"all, or some of {', '.join(METRICS)}"
+REGIONS = "names with rectangles, such as clock = [0, 0, 90, 20]"
+FILE_NAME = Kind.instance("a name", str, Path, metavar="FILE")
+
+
+@dataclass(frozen=True)
+class CompareOptions:
+    """Options of comparisons as they are stated.
+
+    regions: parts for `ignore` by their names. baselines, baseline_class, report, summary: of pytest alone. limits: by
+    fields of Tolerance. criteria: with the options that it declares. folder: of relative names that are stated next.
+    """
+
+    metric: tuple[str, ...] = criterion(
+        (), Kind(SOME, _check_metrics, _check_metrics, "M,M…", written=SOME), f"metrics to print: {SOME}"
+    )
+    mask: Path | None = criterion(None, FILE_NAME, "compare only where this picture is not black")
+    ignore: tuple[Rectangle | Path, ...] = criterion(
+        (),
+        Kind("rectangles, pictures or names of regions", _list_parts, metavar="LEFT,TOP,WIDTH,HEIGHT|FILE|NAME"),
+        "do not compare a rectangle, where a picture is not black, or a region of pyproject.toml; may be repeated",
+        repeat=True,
+    )
+    noise: str = limiting(
+        "none", Kind.choice(NOISE), "limits by name. driver allows few, scattered pixels that differ by few levels"
+    )
+    tolerance: Tolerance | float | None = limiting(
+        None, replace(LIMIT, check=_check_tolerance), "same as --max-difference E", metavar="E"
+    )
+    regions: Mapping[str, Any] | None = option(None, Kind(REGIONS, dict))
+    baselines: Path | None = option(None, FILE_NAME)
+    baseline_class: str | None = option(None, Kind.instance("a name", str), flag="--class")
+    report: Path | None = option(None, FILE_NAME)
+    summary: Path | None = option(None, FILE_NAME)
+    limits: Mapping[str, float] = field(default_factory=dict)
+    criteria: Criteria = field(default_factory=Criteria)
+    folder: Path = Path()
+
+    @classmethod
+    def of_project(cls, start: Path, folder: Path | None = None) -> CompareOptions:
+        """The table [tool.splatgl.compare] of the nearest pyproject.toml in a folder or above it; empty without one.
+        folder: of relative names; None: the file's.
+        """
+        file = next((f / FILE for f in (start, *start.resolve().parents) if (f / FILE).is_file()), None)
+        if file is None:
+            return cls(folder=folder or start)
+        tables = load_table(file, "a project").get("tool", {}).get("splatgl", {})
+        if not isinstance(tables, dict) or not isinstance(tables.get("compare", {}), dict):
+            raise expected(f"{file}: {TABLE}", "a table", "another value")
+        refuse_unknown(f"{file}: [tool.splatgl]", tables, ("compare",), f"the table {TABLE}")
+        return cls(folder=folder or file.parent).changed(tables.get("compare", {}), f"{file}: {TABLE}")
+
+    def changed(self, values: Mapping[str, Any], what: str = "") -> CompareOptions:
+        """The options with others by their names in OPTIONS; None states nothing. A limit among them replaces all
+        limits, `noise` too. what: their place, for messages. Raises InputError for unknown names and bad values.
+        """
+        named = {name.replace("_", "-"): value for name, value in values.items() if value is not None}
+        refuse_unknown(what or "options", named, OPTIONS)
+        stated: dict[type, dict[str, Any]] = {record: {} for record in RECORDS}
+        with error_prefix(what) if what else nullcontext():
+            for name, value in named.items():
+                record, key, item = OPTIONS[name]
+                stated[record][key] = checked(item.kind, name, value)
+            own, limits = self._placed(stated[CompareOptions]), stated[Tolerance]
+        kept = self
+        if own.keys() & {"noise", "tolerance"} or limits.keys() & {*METRICS}:
+            threshold = {name: value for name, value in self.limits.items() if name == "threshold"}
+            kept = replace(self, noise="none", tolerance=None, limits=threshold)
+        criteria = replace(self.criteria, **stated[Criteria])
+        return replace(kept, limits={**kept.limits, **limits}, criteria=criteria, **own)
+
+    def _placed(self, own: dict[str, Any]) -> dict[str, Any]:
+        """Stated options with paths in place of names of files and regions."""
+        regions = own.get("regions", self.regions) or {}
+        if "ignore" in own:
+            own["ignore"] = tuple(self._part(part, regions) for part in own["ignore"])
+        return own | {
+            name: self.folder / value for name, value in own.items() if declared(self)[name].kind is FILE_NAME
+        }
+
+    def _part(self, part: Any, regions: Mapping[str, Any]) -> Rectangle | Path:
+        """A rectangle or the path of a picture, of numbers, a text or the name of a region."""
+        region = regions.get(part, part) if isinstance(part, str) else part
+        if isinstance(region, str) and "," in region:
+            region = [int(n) if n.strip().isdigit() else n for n in region.split(",")]
+        if _is_rectangle(region):
+            left, top, width, height = map(int, region)
+            return left, top, width, height
+        if isinstance(region, str) and Path(region).suffix:
+            return self.folder / region
+        this = "left,top,width,height in pixels, a picture, or a name of " + (", ".join(regions) or "regions")
+        raise expected("ignore", this, repr(part))
+
+    def resolve(self) -> Criteria:
+        """The criteria of a comparison: limits, and the mask of all pictures. Raises InputError for bad pictures."""
+        mask = read_mask(self.mask) if self.mask else None
+        for picture in (part for part in self.ignore if isinstance(part, Path)):
+            counts = ~read_mask(picture)
+            if mask is not None and mask.shape != counts.shape:
+                raise expected(f"ignore: {picture}", "the mask's size", f"{counts.shape[1]}×{counts.shape[0]}")
+            mask = counts if mask is None else mask & counts
+        rectangles = tuple(part for part in self.ignore if not isinstance(part, Path))
+        extra = frozenset(self.metric) & {*EXTRA}
+        return replace(self.criteria, tolerance=self._tolerance(), extra=extra, mask=mask, ignore=rectangles)
+
+    def _tolerance(self) -> Tolerance:
+        """The limits: those given, of two maxima the smaller one, else those of the noise."""
+        if isinstance(self.tolerance, Tolerance):
+            return self.tolerance
+        limits = dict(self.limits)
+        threshold = limits.pop("threshold", None)
+        if self.tolerance is not None:
+            limits["maximum"] = min(self.tolerance, limits.get("maximum", math.inf))
+        return Tolerance.only(threshold, **limits) if limits else replace(NOISE[self.noise], threshold=threshold)
+
+
+RECORDS = (CompareOptions, Criteria, Tolerance)
+# records, fields and options by the names that TOML has; Python writes these with _
+OPTIONS = {
+    (flag_name(item) if item.flag and not item.is_bare else name).replace("_", "-"): (record, name, item)
+    for record in RECORDS
+    for name, item in declared(record).items()
+}
+# fields and options that the command line and Python have, by the same names
+STATED = {key: (name, item) for key, (_, name, item) in OPTIONS.items() if item.group}
 
 
 @public
@@ -179,7 +187,7 @@ def judge(a: Any, b: Any, **settings: Any) -> Verdict:
     print(sg.judge(new, old, noise="driver"))
     ```
     """
-    refuse_unknown("judge", settings, [name.replace("-", "_") for name in KEYS if name not in PROJECT])
-    criteria = Settings().but(settings).criteria()
+    refuse_unknown("judge", settings, [name.replace("-", "_") for name in STATED])
+    criteria = CompareOptions().changed(settings).resolve()
     images = match_images(as_image(a, NAMES[0]), as_image(b, NAMES[1]), NAMES)
     return Pair.of(*images, criteria).judge(criteria)

@@ -2,55 +2,89 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
-from splatgl.comparison.compare import EXTRA, NAMES, Comparison, apply_mask, compare, format_size, unite_sizes
+from splatgl.comparison.compare import (
+    ALIGNMENTS,
+    EXTRA,
+    NAMES,
+    Comparison,
+    apply_mask,
+    compare,
+    format_size,
+    unite_sizes,
+)
 from splatgl.comparison.difference_kinds import DifferenceKind, classify_difference
 from splatgl.comparison.metrics import WINDOW, find_antialiased
 from splatgl.data.image import Image
 from splatgl.errors import expected
+from splatgl.options import Group, Kind, check_options, declared, option
 
 # Two correct renderers round some pixels differently: one in a thousand gives an RMSE of 0.03/255 and a bias below
 # 0.01/255. One step more everywhere, even in black, gives a bias of 0.05/255 or more.
 ROUNDING_RMSE, ROUNDING_BIAS = 0.1 / 255, 0.02 / 255
 
 
+def read_limit(value: Any) -> float | None:
+    """A number from 0, or a fraction such as 2/255 as text; None for None. Raises ValueError for others."""
+    if value is None:
+        return None
+    top, _, bottom = str(value).partition("/")
+    number = float(top) / (float(bottom or 1) or math.nan)
+    if not 0 <= number < math.inf:
+        raise ValueError
+    return number
+
+
+FRACTION = "a number from 0, or a fraction such as 2/255"
+LIMIT = Kind(FRACTION, read_limit, read_limit, "X", written=FRACTION, hint="float | str")
+
+
+criterion, limiting = (partial(option, group=group) for group in (Group.COMPARISON, Group.LIMITS))
+
+
+def _limit(flag: str, help: str, default: float | None = None, metavar: str = "") -> Any:
+    """The limit of a metric: a maximum, or of a flag --min a minimum."""
+    return limiting(default, LIMIT, help, flag=flag, metavar=metavar)
+
+
 @dataclass(frozen=True)
 class Tolerance:
     """Limits of the metrics; None is not checked. By default only the rounding of 8-bit images may differ.
 
-    threshold: minimum difference of a differing pixel, as a fraction of the peak; None is one 8-bit step. share,
-    unmatched: maximum fraction of differing pixels, and of pixels that a shift by one pixel does not explain. maximum,
-    rmse, bias: fractions of the peak. flip, levels, density: maxima. psnr (decibels), ssim: minima. Linear
-    premultiplied light; see `Comparison`.
+    threshold: minimum difference of a differing pixel; None is one 8-bit step. threshold, maximum, rmse, bias: as
+    fractions of the peak. Linear premultiplied light; see `Comparison`.
     """
 
-    threshold: float | None = None
-    share: float | None = 0.0
-    rmse: float | None = ROUNDING_RMSE
-    bias: float | None = ROUNDING_BIAS
-    unmatched: float | None = None
-    maximum: float | None = None
-    psnr: float | None = None
-    ssim: float | None = None
-    flip: float | None = None
-    levels: float | None = None
-    density: float | None = None
+    threshold: float | None = _limit(
+        "--threshold", "smallest difference of a pixel that --max-share counts (default: one 8-bit step)", metavar="E"
+    )
+    maximum: float | None = _limit("--max-difference", "largest difference of a channel")
+    rmse: float | None = _limit("--max-rmse", "root mean square of the differences", ROUNDING_RMSE)
+    bias: float | None = _limit("--max-bias", "mean difference of the channel where it is largest", ROUNDING_BIAS)
+    share: float | None = _limit("--max-share", "share of pixels above the threshold, 0 to 1", 0.0)
+    unmatched: float | None = _limit("--max-unmatched", "share without a match within one pixel")
+    levels: float | None = _limit("--max-levels", "largest difference of 8-bit samples, sRGB and alpha")
+    density: float | None = _limit("--max-density", "largest share above the threshold in a window of 7×7 or on a line")
+    flip: float | None = _limit("--max-flip", "mean FLIP error as seen at 0.7 m, 0 to 1 (extra compare)")
+    psnr: float | None = _limit("--min-psnr", "PSNR: peak over rmse in decibels")
+    ssim: float | None = _limit("--min-ssim", "mean structural similarity, up to 1")
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if value is not None and not (isinstance(value, (int, float)) and value >= 0):
-                raise expected(f"tolerance: {name}", "a number from 0", repr(value))
+        check_options(self, "tolerance: ")
 
     @classmethod
     def of(cls, value: Tolerance | float | None) -> Tolerance:
         """value: a number is the maximum difference of any channel, as a share of the peak; None is the default."""
         if value is None or isinstance(value, Tolerance):
             return value or cls()
-        return cls(share=None, rmse=None, bias=None, maximum=value)
+        return cls.only(maximum=value)
 
     @classmethod
     def only(cls, threshold: float | None = None, **limits: float) -> Tolerance:
@@ -63,6 +97,7 @@ class Tolerance:
         return {name for name in EXTRA if getattr(self, name) is not None}
 
 
+METRICS = tuple(name for name in declared(Tolerance) if name != "threshold")
 # Limits by the name of what may differ. driver: the same program on other drivers and processors, which differ by
 # rounding: few pixels, by few levels, in no area and on no line. Of independent pixels, 0.5 % put 9 into a window of
 # 7×7 with a probability of 3e-12, and 17 on a line of 98 pixels with one of 2e-21.
@@ -71,20 +106,22 @@ NOISE = {"none": Tolerance(), "driver": Tolerance(share=0.005, rmse=0.5 / 255, l
 
 @dataclass(frozen=True)
 class Criteria:
-    """Options of a comparison.
+    """Criteria of a comparison.
 
     extra: metrics besides those with a limit. mask: bool [H, W], the pixels to compare. ignore: rectangles that are not
     compared: left, top, width, height. antialiased: whether pixels that smooth an edge are compared. any_mode: whether
-    RGB may be compared with RGBA. align: of pictures of other sizes, see ALIGNMENTS.
+    RGB may be compared with RGBA. align: of images of other sizes.
     """
 
     tolerance: Tolerance = field(default_factory=Tolerance)
     extra: frozenset[str] = frozenset()
     mask: np.ndarray | None = None
     ignore: tuple[tuple[int, int, int, int], ...] = ()
-    antialiased: bool = True
-    any_mode: bool = False
-    align: str = "corner"
+    antialiased: bool = criterion(
+        True, Kind.flag(), "do not compare pixels that only smooth an edge", flag="--ignore-antialiased", bare=False
+    )
+    any_mode: bool = criterion(False, Kind.flag(), "also compare RGB with RGBA or gray, as they look", bare=True)
+    align: str = criterion("corner", Kind.choice(ALIGNMENTS), "alignment of images of different size", metavar="HOW")
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,13 +266,13 @@ def check_limits(comparison: Comparison, limits: Tolerance) -> tuple[Check, ...]
     """Checks of all metrics; for X-rays, limits relative to the peak are multiplied by it."""
     fields = {"share": "share_over", "unmatched": "share_unmatched"}
     checks = []
-    for name in ("maximum", "rmse", "bias", "share", "unmatched", "levels", "density", "flip", "psnr", "ssim"):
+    for name in METRICS:
         value, limit = getattr(comparison, fields.get(name, name)), getattr(limits, name)
         if value is None:
             continue
         if name in ("maximum", "rmse", "bias") and limit is not None:
             limit *= comparison.peak
-        at_least = name in ("psnr", "ssim")
+        at_least = declared(Tolerance)[name].flag.startswith("--min")
         is_ok = limit is None or (value >= limit if at_least else abs(value) <= limit)
         checks.append(Check(name, value, limit, is_ok, at_least))
     return tuple(checks)

@@ -28,7 +28,7 @@ from PIL import Image as Pillow
 import splatgl as sg
 from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.cli.main import COMMANDS, _parser, main
-from splatgl.comparison.settings import Settings as ComparisonSettings
+from splatgl.comparison.settings import CompareOptions
 from splatgl.readers import FORMATS
 from splatgl.report.methods import methods
 from splatgl.scene.scene_file import SceneFile
@@ -419,8 +419,8 @@ def test_scene_file(here: Path) -> None:
 
 
 def test_settings_of_comparisons(here: Path) -> None:
-    settings = ComparisonSettings.of_project(here)
-    assert settings.criteria().ignore == ((280, 10, 40, 12), (0, 0, 90, 20)) and settings.get("class") == "cpu"
+    options = CompareOptions.of_project(here)
+    assert options.resolve().ignore == ((280, 10, 40, 12), (0, 0, 90, 20)) and options.baseline_class == "cpu"
 
 
 def test_key_bindings_file(here: Path) -> None:
