@@ -15,7 +15,7 @@ from splatgl.comparison.metrics import require_flip
 from splatgl.comparison.pairs import DIFFERENT, UNUSABLE, Files, Outcome, build_cases, compare_all
 from splatgl.comparison.pictures import Picture, find_pairs, match_formats
 from splatgl.comparison.settings import STATED, CompareOptions
-from splatgl.comparison.verdict import Criteria, Pair, Tolerance, Verdict, judge
+from splatgl.comparison.verdict import Criteria, Pair, Verdict
 from splatgl.data.image import Image, encode_png
 from splatgl.errors import expected
 from splatgl.fileio import check_output, write_file
@@ -78,8 +78,7 @@ def check_against(image: Image, reference: Picture, output: Path) -> Verdict:
     """Verdict on a new image, as saved at `output`, by the default limits."""
     bits = reference.image.bits
     drawn = Picture(str(output), image if bits is None else image.rounded(bits))
-    first, second = match_formats(drawn, reference)
-    return judge(first, second, Tolerance(), frozenset(), (str(output), reference.name))
+    return Pair(*match_formats(drawn, reference)).judge(names=(str(output), reference.name))
 
 
 def _criteria(args: argparse.Namespace) -> Criteria:

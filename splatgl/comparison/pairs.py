@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from splatgl.comparison.compare import equal_comparison
 from splatgl.comparison.pictures import Picture, frames, match_formats, read_size
-from splatgl.comparison.verdict import Criteria, Pair, Verdict, check_limits
+from splatgl.comparison.verdict import Criteria, Pair, Verdict
 from splatgl.data.image import Image
 from splatgl.errors import InputError
 
@@ -129,9 +129,7 @@ def _equal_outcome(files: Files, criteria: Criteria) -> Outcome:
     width, height = read_size(files.actual) or (0, 0)
     limits = criteria.tolerance
     comparison = equal_comparison(width * height, limits.threshold, criteria.extra | limits.extra)
-    names = str(files.actual), str(files.right)
-    verdict = Verdict(*names, (width, height), comparison, limits, check_limits(comparison, limits), None)
-    return Outcome(files, "same", verdict)
+    return Outcome(files, "same", Verdict(str(files.actual), str(files.right), (width, height), comparison, limits))
 
 
 def compare_files(files: Files, criteria: Criteria, keep: bool = False) -> list[Outcome]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -80,13 +80,6 @@ class Tolerance:
         check_options(self, "tolerance: ")
 
     @classmethod
-    def of(cls, value: Tolerance | float | None) -> Tolerance:
-        """value: a number is the maximum difference of any channel, as a share of the peak; None is the default."""
-        if value is None or isinstance(value, Tolerance):
-            return value or cls()
-        return cls.only(maximum=value)
-
-    @classmethod
     def only(cls, threshold: float | None = None, **limits: float) -> Tolerance:
         """Tolerance with these limits only."""
         return cls(threshold, **{"share": None, "rmse": None, "bias": None, **limits})
@@ -150,12 +143,28 @@ class Pair:
             mask = counts if mask is None else mask & counts
         return cls(first, second, mask, "" if sizes[0] == sizes[1] else f"size {sizes[0]}, expected {sizes[1]}")
 
-    def judge(self, criteria: Criteria, names: tuple[str, str] = NAMES) -> Verdict:
-        """The verdict, see `judge`; pictures of other sizes are different."""
+    def judge(self, criteria: Criteria = Criteria(), names: tuple[str, str] = NAMES) -> Verdict:
+        """The verdict, see `compare`; images of other sizes are different."""
         if self.sizes and self.mask is not None and not self.mask.any():
             raise expected(names[0], "a part that counts in both pictures", f"none; {self.sizes}")
-        verdict = judge(self.actual, self.right, criteria.tolerance, criteria.extra, names, self.mask)
-        return replace(verdict, sizes=self.sizes)
+        verdict = self._measured(criteria.tolerance, criteria.extra, names)
+        if not verdict.broken:
+            return verdict
+        first, second = (apply_mask(image.pixels, self.mask) for image in (self.actual, self.right))
+        kind = classify_difference(first, second, verdict.comparison)
+        if kind.name in ("changed", "noise") and criteria.tolerance == Tolerance():
+            noise = self._measured(NOISE["driver"], (), names)
+            count = round(noise.comparison.share_over * noise.comparison.pixels)
+            if count and not noise.broken:
+                text = f"{count} scattered pixels off by up to {noise.comparison.levels:.0f} levels, as between drivers"
+                kind = DifferenceKind("driver", f"{text}; --noise driver allows it")
+        return replace(verdict, kind=kind)
+
+    def _measured(self, limits: Tolerance, extra: Collection[str], names: tuple[str, str]) -> Verdict:
+        """The verdict without the kind of difference."""
+        comparison = compare(self.actual, self.right, limits.threshold, {*extra, *limits.extra}, names, self.mask)
+        height, width = self.right.pixels.shape[:2]
+        return Verdict(*names, (width, height), comparison, limits, sizes=self.sizes)
 
 
 @dataclass(frozen=True)
@@ -178,10 +187,8 @@ class Check:
 
 @dataclass(frozen=True)
 class Verdict:
-    """name, against: names of the two images. checks: every computed metric.
-
-    kind: the kind of difference, None if the same. size: (width, height). sizes: both sizes if they differ, else "":
-    the metrics are those of what both images have.
+    """name, against: names of the two images. kind: the kind of difference, None if the same. size: (width, height).
+    sizes: both sizes if they differ, else "": the metrics are those of what both images have.
     """
 
     name: str
@@ -189,14 +196,28 @@ class Verdict:
     size: tuple[int, int]
     comparison: Comparison
     tolerance: Tolerance
-    checks: tuple[Check, ...]
-    kind: DifferenceKind | None
+    kind: DifferenceKind | None = None
     sizes: str = ""
 
     @property
     def same(self) -> bool:
         """Whether every metric is within its limit, and both sizes are equal."""
-        return not self.sizes and all(check.ok for check in self.checks)
+        return not self.sizes and not self.broken
+
+    @cached_property
+    def checks(self) -> tuple[Check, ...]:
+        """Every computed metric; for X-rays, limits relative to the peak are multiplied by it."""
+        fields, checks = {"share": "share_over", "unmatched": "share_unmatched"}, []
+        for name in METRICS:
+            value, limit = getattr(self.comparison, fields.get(name, name)), getattr(self.tolerance, name)
+            if value is None:
+                continue
+            if name in ("maximum", "rmse", "bias") and limit is not None:
+                limit *= self.comparison.peak
+            at_least = declared(Tolerance)[name].flag.startswith("--min")
+            is_ok = limit is None or (value >= limit if at_least else abs(value) <= limit)
+            checks.append(Check(name, value, limit, is_ok, at_least))
+        return tuple(checks)
 
     def __str__(self) -> str:
         """One line: the kind of change, its location, and each exceeded limit."""
@@ -230,52 +251,6 @@ class Verdict:
         left, top, right, bottom = self.comparison.box
         picture = f"of {self.size[0]}×{self.size[1]}"
         return f"columns {left}–{right - 1}, rows {top}–{bottom - 1} ({right - left}×{bottom - top} {picture}), {worst}"
-
-
-def judge(
-    actual: Image,
-    right: Image,
-    tolerance: Tolerance | float | None = None,
-    extra: Collection[str] = (),
-    names: tuple[str, str] = NAMES,
-    mask: np.ndarray | None = None,
-) -> Verdict:
-    """The verdict on `actual` against `right`, see `compare`. extra: metrics to compute besides those with a limit."""
-    limits = Tolerance.of(tolerance)
-    comparison = compare(actual, right, limits.threshold, {*extra, *limits.extra}, names, mask)
-    checks = check_limits(comparison, limits)
-    kind = None
-    if not all(check.ok for check in checks):
-        kind = classify_difference(apply_mask(actual.pixels, mask), apply_mask(right.pixels, mask), comparison)
-        if kind.name in ("changed", "noise") and limits == Tolerance():
-            kind = _driver_noise(compare(actual, right, None, NOISE["driver"].extra, names, mask)) or kind
-    size = (right.pixels.shape[1], right.pixels.shape[0])
-    return Verdict(names[0], names[1], size, comparison, limits, checks, kind)
-
-
-def _driver_noise(comparison: Comparison) -> DifferenceKind | None:
-    """The kind of a difference within the limits for other drivers."""
-    count = round(comparison.share_over * comparison.pixels)
-    if not count or not all(check.ok for check in check_limits(comparison, NOISE["driver"])):
-        return None
-    text = f"{count} scattered pixels off by up to {comparison.levels:.0f} levels, as between drivers"
-    return DifferenceKind("driver", f"{text}; --noise driver allows it")
-
-
-def check_limits(comparison: Comparison, limits: Tolerance) -> tuple[Check, ...]:
-    """Checks of all metrics; for X-rays, limits relative to the peak are multiplied by it."""
-    fields = {"share": "share_over", "unmatched": "share_unmatched"}
-    checks = []
-    for name in METRICS:
-        value, limit = getattr(comparison, fields.get(name, name)), getattr(limits, name)
-        if value is None:
-            continue
-        if name in ("maximum", "rmse", "bias") and limit is not None:
-            limit *= comparison.peak
-        at_least = declared(Tolerance)[name].flag.startswith("--min")
-        is_ok = limit is None or (value >= limit if at_least else abs(value) <= limit)
-        checks.append(Check(name, value, limit, is_ok, at_least))
-    return tuple(checks)
 
 
 def format_metric(name: str, value: float) -> str:

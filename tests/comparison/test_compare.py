@@ -15,7 +15,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.comparison.image_regression import ImageRegression
 from splatgl.comparison.pictures import Picture, match_formats, read
-from splatgl.comparison.verdict import Tolerance, judge
+from splatgl.comparison.verdict import Criteria, Pair, Tolerance
 from splatgl.data.color import linear_from_srgb
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
@@ -118,15 +118,15 @@ def test_masked_pixels_do_not_count() -> None:
 def test_limits_hold_for_less_as_for_more() -> None:
     bias = Tolerance.only(bias=0.01)
     for value in (0.23, 0.27):
-        assert not judge(flat(value), flat(), bias).same
-    assert judge(flat(0.245), flat(), bias).same
+        assert not Pair(flat(value), flat()).judge(Criteria(bias)).same
+    assert Pair(flat(0.245), flat()).judge(Criteria(bias)).same
 
 
 def test_limits_of_xrays_are_shares_of_their_largest_sum() -> None:
     right = flat(50.0, blend="xray")
-    for limit in (0.02, Tolerance.only(rmse=0.02), Tolerance.only(bias=0.02)):
-        assert judge(flat(50.9), right, limit).same
-        assert not judge(flat(51.1), right, limit).same
+    for limit in (Tolerance.only(maximum=0.02), Tolerance.only(rmse=0.02), Tolerance.only(bias=0.02)):
+        assert Pair(flat(50.9), right).judge(Criteria(limit)).same
+        assert not Pair(flat(51.1), right).judge(Criteria(limit)).same
 
 
 @pytest.mark.parametrize("bad", [-1, float("nan"), "1/0"])
@@ -134,13 +134,13 @@ def test_limits_are_numbers_from_zero(bad: float) -> None:
     with pytest.raises(
         sg.InputError, match=r"tolerance: maximum: expected a number from 0, or a fraction such as 2/255"
     ):
-        Tolerance.of(bad)
+        Tolerance.only(maximum=bad)
 
 
 @pytest.mark.filterwarnings("error")
 def test_the_largest_floats_are_measured_too() -> None:
     """Their difference is beyond float32: infinite, and said so without a warning."""
-    found = judge(flat(3e38), flat(-3e38))
+    found = Pair(flat(3e38), flat(-3e38)).judge()
     assert (found.comparison.maximum, found.comparison.psnr) == (np.inf, -np.inf)
     assert "changed in no way that has a name" in str(found)
 

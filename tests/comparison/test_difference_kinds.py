@@ -21,7 +21,7 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.comparison.html_report import Case, build_case, build_page
-from splatgl.comparison.verdict import Pair, Tolerance, Verdict, format_metric, judge
+from splatgl.comparison.verdict import Criteria, Pair, Tolerance, Verdict, format_metric
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 
 BASELINES = Path(__file__).parent / "baselines" / "test_scenes"
@@ -79,7 +79,7 @@ WRONG: dict[str, tuple[Callable[[], sg.Image], str, str]] = {
 @pytest.mark.parametrize("what", WRONG)
 def test_each_is_caught_and_named(what: str) -> None:
     make, kind, message = WRONG[what]
-    verdict = judge(make(), RIGHT, names=("new.png", "old.png"))
+    verdict = Pair(make(), RIGHT).judge(names=("new.png", "old.png"))
     assert not verdict.same
     assert verdict.kind is not None and verdict.kind.name == kind
     assert re.match(rf"new\.png: different: {message}", str(verdict))
@@ -91,7 +91,7 @@ def test_each_is_to_be_seen_in_the_report(what: str) -> None:
     """Both pictures as they are, a difference that reaches the end of its scale, and a place for both in turn."""
     make, _, message = WRONG[what]
     image = make()
-    html = build_page([build_case(judge(image, RIGHT, names=(what, "right")), Pair(image, RIGHT))], "Report")
+    html = build_page([build_case(Pair(image, RIGHT).judge(names=(what, "right")), Pair(image, RIGHT))], "Report")
     assert re.search(message, html)
     pictures = [decoded(text) for text in re.findall(r'<img[^>]*src="data:image/png;base64,([^"]+)"', html)]
     assert len(pictures) in (3, 6)
@@ -111,7 +111,7 @@ def test_the_report_in_a_browser(tmp_path: Path) -> None:
     if browser is None:
         pytest.skip("Chromium is not here")
     image = one_pixel()
-    case = replace(build_case(judge(image, RIGHT), Pair(image, RIGHT)), accept="cp a.png b.png")
+    case = replace(build_case(Pair(image, RIGHT).judge(), Pair(image, RIGHT)), accept="cp a.png b.png")
     # its keys, pressed by a script: the second case is marked, and what is missing is hidden
     keys = "for (const key of 'jjm') document.body.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true }));"
     keys += "document.querySelector('button.missing').click();"
@@ -134,7 +134,7 @@ def test_the_report_in_a_browser(tmp_path: Path) -> None:
 
 
 def test_the_same_picture_is_the_same() -> None:
-    verdict = judge(RIGHT, sg.Image(RIGHT.pixels.copy()))
+    verdict = Pair(RIGHT, sg.Image(RIGHT.pixels.copy())).judge()
     assert verdict.same and verdict.kind is None
     assert verdict.comparison.maximum == 0
 
@@ -155,7 +155,7 @@ def test_names_hold_for_other_pictures(scene: str) -> None:
         (sg.Image(np.zeros_like(pixels)), "empty"),
         (sg.Image(pixels[::-1, ::-1]), "flipped"),
     ):
-        found = judge(image, right).kind
+        found = Pair(image, right).judge().kind
         assert found is not None and found.name == kind, (scene, kind, found)
 
 
@@ -196,16 +196,16 @@ ALSO: dict[str, Callable[[], sg.Image]] = {
 
 @pytest.mark.parametrize("text", ALSO)
 def test_what_else_has_a_name(text: str) -> None:
-    assert judge(ALSO[text](), RIGHT, names=("new.png", "old.png")).line.startswith(text)
+    assert Pair(ALSO[text](), RIGHT).judge(names=("new.png", "old.png")).line.startswith(text)
 
 
 def test_what_no_change_explains_has_no_name() -> None:
     other = sg.Image.load(BASELINES / "nerve-composite.png")
-    assert "changed in no way that has a name" in str(judge(other, RIGHT))
+    assert "changed in no way that has a name" in str(Pair(other, RIGHT).judge())
     # a name explains three quarters of the difference at least
     for share, text in ((0.65, "a part is changed"), (0.9, "flipped upside down")):
         mixed = sg.Image((1 - share) * RIGHT.pixels + share * RIGHT.pixels[::-1])
-        assert text in str(judge(mixed, RIGHT))
+        assert text in str(Pair(mixed, RIGHT).judge())
 
 
 def test_objects_in_pictures_without_alpha() -> None:
@@ -221,12 +221,12 @@ def test_objects_in_pictures_without_alpha() -> None:
         (present, ground, "an extra object (12×10 pixels)"),
         (painted, present, "a part is changed (12×10 pixels)"),
     ):
-        assert text in str(judge(sg.Image(actual), sg.Image(right)))
+        assert text in str(Pair(sg.Image(actual), sg.Image(right)).judge())
 
 
 def test_rows_and_columns_swapped() -> None:
     square = RIGHT.pixels[:72, 12:84]
-    assert "rows and columns swapped" in str(judge(sg.Image(square.transpose(1, 0, 2)), sg.Image(square)))
+    assert "rows and columns swapped" in str(Pair(sg.Image(square.transpose(1, 0, 2)), sg.Image(square)).judge())
 
 
 def test_rounding_of_eight_bits_passes_and_more_does_not() -> None:
@@ -243,7 +243,7 @@ def test_rounding_of_eight_bits_passes_and_more_does_not() -> None:
         light = np.full_like(moved, 255)
         light[0, 0, :3] -= steps
         verdicts = [
-            judge(sg.Image.from_samples(np.clip(x, 0, 255).astype(np.uint8)), y)
+            Pair(sg.Image.from_samples(np.clip(x, 0, 255).astype(np.uint8)), y).judge()
             for x, y in ((moved, RIGHT), (light, sg.Image.from_samples(np.full(moved.shape, 255, np.uint8))))
         ]
         assert verdicts[1].same is same
@@ -253,11 +253,11 @@ def test_rounding_of_eight_bits_passes_and_more_does_not() -> None:
 
 def test_moved_edges_pass_where_asked() -> None:
     moved = np.roll(RIGHT.pixels, 1, 0)
-    only = Tolerance.only(unmatched=0.0)
-    assert judge(sg.Image(moved), RIGHT, only).same
-    assert not judge(one_pixel(), RIGHT, only).same
-    assert not judge(without_object(), RIGHT, only).same
-    assert not judge(sg.Image(np.roll(RIGHT.pixels, 2, 0)), RIGHT, only).same
+    only = Criteria(Tolerance.only(unmatched=0.0))
+    assert Pair(sg.Image(moved), RIGHT).judge(only).same
+    assert not Pair(one_pixel(), RIGHT).judge(only).same
+    assert not Pair(without_object(), RIGHT).judge(only).same
+    assert not Pair(sg.Image(np.roll(RIGHT.pixels, 2, 0)), RIGHT).judge(only).same
 
 
 def cell(name: str, verdict: Verdict) -> str:
@@ -279,7 +279,7 @@ def table() -> str:
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for what, (make, kind, _) in WRONG.items():
-        verdict = judge(make(), RIGHT, extra=("ssim", "flip"))
+        verdict = Pair(make(), RIGHT).judge(Criteria(extra=frozenset({"ssim", "flip"})))
         assert verdict.kind is not None and verdict.kind.name == kind
         lines.append(f"| {what} | {' | '.join(cell(name, verdict) for name in METRICS)} | {verdict.kind.name} |")
     return "\n".join(lines)

@@ -10,7 +10,7 @@ import pytest
 import splatgl as sg
 from splatgl.comparison import html_report
 from splatgl.comparison.html_report import build_case, html_table
-from splatgl.comparison.verdict import Pair, judge
+from splatgl.comparison.verdict import Pair
 
 # more than LARGEST in both directions, and no multiple of what becomes one pixel
 HEIGHT, WIDTH = 1030, 2051
@@ -77,7 +77,7 @@ def test_a_large_difference_is_enlarged_at_its_worst() -> None:
 def test_the_frame_is_around_the_box() -> None:
     """In per cent of the picture, which the page may show at any size."""
     actual, right = pair(515, 500)
-    html = build_case(judge(actual, right), Pair(actual, right)).html
+    html = build_case(Pair(actual, right).judge(), Pair(actual, right)).html
     (frame,) = set(re.findall(r'class="mark" style="([^"]*)"', html))
     left, top, width, height = (float(n) for n in re.findall(r"([\d.]+)%", frame))
     assert (left, top) == pytest.approx((100 * 500 / WIDTH, 50), abs=1e-3)
@@ -97,7 +97,7 @@ def test_tables_of_many_columns_name_them_for_narrow_pages() -> None:
 def test_every_picture_has_an_alternative_text() -> None:
     """Of the whole and of the enlarged detail, and of one without a counterpart."""
     actual, right = pair(515, 500)
-    case = build_case(judge(actual, right), Pair(actual, right))
+    case = build_case(Pair(actual, right).judge(), Pair(actual, right))
     alone = html_report.build_single_case("alone", "missing", "no baseline", actual)
     for html, count in ((case.html, 6), (alone.html, 1)):
         texts = re.findall(r'<img[^>]* alt="([^"]*)"', html)

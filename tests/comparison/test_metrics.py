@@ -11,7 +11,7 @@ import splatgl as sg
 from splatgl.comparison import metrics
 from splatgl.comparison.compare import compare
 from splatgl.comparison.metrics import exceeds_step
-from splatgl.comparison.verdict import judge
+from splatgl.comparison.verdict import Pair
 from splatgl.data.color import srgb_from_linear
 
 BASELINES = Path(__file__).parent / "baselines" / "test_scenes"
@@ -256,7 +256,7 @@ def test_a_small_faint_object_is_missed_by_no_one(kind: str) -> None:
     right[100:132, 200:232] = (20, 20, 20, 255) if kind == "dark object" else (255, 255, 255, 2)
     pictures = [sg.Image.from_samples(p) for p in (actual, right)]
     assert compare(*pictures).maximum < 2.28 / 255
-    verdict = judge(*pictures)
+    verdict = Pair(*pictures).judge()
     assert not verdict.same and verdict.comparison.box == (200, 100, 232, 132)
     assert verdict.comparison.share_over == (32 / 512) ** 2
 

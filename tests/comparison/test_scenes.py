@@ -9,7 +9,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.comparison.image_regression import ImageRegression
-from splatgl.comparison.verdict import judge
+from splatgl.comparison.verdict import Pair
 from splatgl.scene.view import ViewOptions
 from tests.helpers.splatting import SPLATS
 
@@ -56,6 +56,6 @@ def test_another_backend_keeps_to_the_same_baseline(
 @pytest.mark.parametrize("scene", ["nerve", "letter-f"])
 def test_two_backends_draw_the_same(scene: str, blend: str, renderer: sg.Renderer, osmesa: sg.Renderer) -> None:
     first, second = (some.render(*view_of(scene), SPLATS.but(blend=blend)) for some in (renderer, osmesa))
-    verdict = judge(second, first)
+    verdict = Pair(second, first).judge()
     assert verdict.same, str(verdict)
     assert second.pixels.max() > 0.1, "something is drawn"
