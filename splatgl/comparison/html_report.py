@@ -106,7 +106,8 @@ class Case:
     """A comparison in the report.
 
     state: one of STATES. line: its summary. html: its images, or empty. accept: the shell command that makes the new
-    image the expected one. file: the expected image, "" if it has none.
+    image the expected one. written, folder, stem, test_file: of a test: the baseline that it wrote, or ""; the folder
+    and the stem of its baselines; its file.
     """
 
     name: str
@@ -114,7 +115,10 @@ class Case:
     line: str
     html: str = ""
     accept: str = ""
-    file: str = ""
+    written: str = ""
+    folder: str = ""
+    stem: str = ""
+    test_file: str = ""
 
     @property
     def anchor(self) -> str:
@@ -122,20 +126,18 @@ class Case:
         return "case-" + re.sub(r"[^A-Za-z0-9_.-]+", "-", self.name).strip("-")
 
 
-def build_case(verdict: Verdict, pair: Pair) -> Case:
-    """A verdict with its images; without them if the images are the same."""
-    if verdict.same:
-        return Case(verdict.name, "same", verdict.line)
+def pair_html(verdict: Verdict, pair: Pair) -> str:
+    """Two images, their difference, and a table of all metrics."""
     difference = largest_difference(pair.actual, pair.right, pair.mask)
-    return Case(verdict.name, "different", verdict.line, _panels(verdict, pair, difference) + _table(verdict))
+    return _panels(verdict, pair, difference) + _table(verdict)
 
 
-def build_single_case(name: str, state: str, line: str, image: Image | None = None, expected: bool = False) -> Case:
-    """A case without a counterpart: only the image, if there is a displayable one. expected: whether it is expected."""
-    if image is None or not np.isfinite(image.pixels).all():
-        return Case(name, state, line)
+def image_html(image: Image, expected: bool = False) -> str:
+    """An image without a counterpart; "" for one that cannot be displayed. expected: whether it is expected."""
+    if not np.isfinite(image.pixels).all():
+        return ""
     panel = _panel("expected" if expected else "actual", to_display(image, image.white))
-    return Case(name, state, line, f'<div class="row">{panel}</div>')
+    return f'<div class="row">{panel}</div>'
 
 
 def build_page(cases: Sequence[Case], title: str, extra: str = "") -> str:

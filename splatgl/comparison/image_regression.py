@@ -11,8 +11,8 @@ from __future__ import annotations
 import hashlib
 import re
 import shlex
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from splatgl.comparison.html_report import Case, build_case, build_single_case
+from splatgl.comparison.html_report import Case, image_html, pair_html
 from splatgl.comparison.pictures import Picture, as_images, match_formats, read
 from splatgl.comparison.settings import CompareOptions
 from splatgl.comparison.verdict import Criteria, Pair, Tolerance, Verdict
@@ -151,7 +151,7 @@ class ImageRegression:
     folder: Path
     default_name: str
     mode: str
-    cases: list[dict[str, str]]
+    cases: list[Case]
     report: bool = False
     options: CompareOptions = field(default_factory=CompareOptions)
     used: set[str] = field(default_factory=set)
@@ -191,7 +191,7 @@ class ImageRegression:
             if len(pictures) > 1 and not self.mode:
                 failures += [self._surplus(name, len(pictures))]
         except InputError as error:
-            self._keep(build_single_case(f"{self.test}: {name or self.default_name}", "unusable", str(error)))
+            self._keep(Case(f"{self.test}: {name or self.default_name}", "unusable", str(error)))
             failures += [str(error)]
         if any(failures):
             pytest.fail("\n".join(filter(None, failures)), pytrace=False)
@@ -233,10 +233,10 @@ class ImageRegression:
             pair = Pair.of(*match_formats(Picture(path.stem, picture), replace(read(path), mode=None)), criteria)
             verdict = pair.judge(criteria, (path.stem, relative_path(path)))
         except InputError as error:
-            return None, build_single_case(path.stem, "unusable", str(error), picture if self.report else None)
-        if verdict.same or not self.report:
-            return verdict, Case(path.stem, "same" if verdict.same else "different", verdict.line)
-        return verdict, build_case(verdict, pair)
+            html = image_html(picture) if self.report else ""
+            return None, Case(path.stem, "unusable", str(error), html)
+        html = pair_html(verdict, pair) if self.report and not verdict.same else ""
+        return verdict, Case(path.stem, verdict.state, verdict.line, html)
 
     def _write(self, title: str, picture: Image, baselines: Baselines, target: Path, bits: int | None) -> str:
         if not np.isfinite(picture.pixels).all():
@@ -250,7 +250,7 @@ class ImageRegression:
         others = ", ".join(path.name for path in baselines.others())
         whose = f" for {' or '.join(baselines.keys) or 'any renderer'}, only {others}" if others else ""
         line = f"no baseline{whose}: expected {relative_path(baselines.portable)}"
-        self._keep(build_single_case(title, "missing", line, picture if self.report else None), baselines)
+        self._keep(Case(title, "missing", line, image_html(picture) if self.report else ""), baselines)
         look, update = self._advice()
         return f"{line}\n  look at the picture: {look}\n  then make it with: {update}"
 
@@ -275,19 +275,18 @@ class ImageRegression:
         return "in the report" if self.report else f"{command} --splatgl-report DIR", f"{command} --splatgl-update"
 
     def _keep(self, case: Case, baselines: Baselines | None = None, written: str = "") -> None:
-        """Collects a case, with the baseline's place for the lists of unused ones and for its history."""
-        if case.state != "same":
-            case = replace(case, accept=self._advice()[1], file=str(baselines.current()) if baselines else "")
+        """Collects a case. baselines, written: see `Case`."""
+        accept = self._advice()[1] if case.state != "same" else ""
         place = {"folder": str(baselines.folder), "stem": baselines.stem} if baselines else {}
-        self.cases.append({**asdict(case), "written": written, "test_file": str(self.file), **place})
+        self.cases.append(replace(case, accept=accept, written=written, test_file=str(self.file), **place))
 
 
-def list_unused(cases: Sequence[Mapping[str, str]], incomplete: Collection[Path]) -> list[str]:
+def list_unused(cases: Sequence[Case], incomplete: Collection[Path]) -> list[str]:
     """Baselines that no test compares, and those of files that are gone. incomplete: test files not run in whole."""
-    placed = [case for case in cases if case.get("stem")]
-    stems = {(Path(case["folder"]), case["stem"]) for case in placed}
+    placed = [case for case in cases if case.stem]
+    stems = {(Path(case.folder), case.stem) for case in placed}
     unused = []
-    for folder, source in sorted({(Path(case["folder"]), Path(case["test_file"])) for case in placed}):
+    for folder, source in sorted({(Path(case.folder), Path(case.test_file)) for case in placed}):
         if source not in incomplete:
             unused += [path for path in _stored(folder) if (folder, path.name.partition(".")[0]) not in stems]
         for beside in sorted(path for path in folder.parent.iterdir() if path.is_dir()) if folder.is_dir() else []:

@@ -166,7 +166,7 @@ def _compare(files: Files, actual: Picture | None, right: Picture | None, criter
         verdict = pair.judge(criteria, (actual.name, right.name))
     except InputError as error:
         return Outcome(files, "unusable", error=str(error))
-    return Outcome(files, "same" if verdict.same else "different", verdict, pair=pair)
+    return Outcome(files, verdict.state, verdict, pair=pair)
 
 
 def build_cases(outcomes: Iterable[Outcome], criteria: Criteria) -> list[Case]:
@@ -178,18 +178,15 @@ def build_cases(outcomes: Iterable[Outcome], criteria: Criteria) -> list[Case]:
 
 
 def _case(outcome: Outcome, criteria: Criteria, pictured: bool) -> Case:
-    from splatgl.comparison.html_report import build_case, build_single_case
+    from splatgl.comparison.html_report import Case, image_html, pair_html
 
-    files, line = outcome.files, outcome.line.removeprefix(f"{outcome.files.name}: ")
-    if outcome.state == "different" and pictured and outcome.verdict:
-        pair = outcome.pair or Pair.of(*_read_again(outcome, criteria), criteria)
-        case = build_case(replace(outcome.verdict, name=outcome.name), pair)
-    else:
-        image = None
-        if outcome.state == "missing" and pictured and files.actual.exists() != files.right.exists():
-            image = next(frames(files.actual if files.actual.exists() else files.right)).image
-        case = build_single_case(outcome.name, outcome.state, line, image, expected=not files.actual.exists())
-    return replace(case, accept=outcome.accept, file=files.right.as_posix())
+    files, html = outcome.files, ""
+    if pictured and outcome.verdict and not outcome.verdict.same:
+        html = pair_html(outcome.verdict, outcome.pair or Pair.of(*_read_again(outcome, criteria), criteria))
+    elif pictured and outcome.state == "missing" and files.actual.exists() != files.right.exists():
+        is_expected = files.right.exists()
+        html = image_html(next(frames(files.right if is_expected else files.actual)).image, is_expected)
+    return Case(outcome.name, outcome.state, outcome.line.removeprefix(f"{files.name}: "), html, outcome.accept)
 
 
 def _read_again(outcome: Outcome, criteria: Criteria) -> tuple[Image, Image]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +34,7 @@ INI = "splatgl"
 CASES_ATTRIBUTE = "splatgl_cases"
 # the fixture's former name, which pytest-regressions uses for another fixture
 FORMER_NAME = "image_regression"
-CASES: pytest.StashKey[list[dict[str, str]]] = pytest.StashKey()
+CASES: pytest.StashKey[list[Case]] = pytest.StashKey()
 OPTIONS: pytest.StashKey[CompareOptions] = pytest.StashKey()
 # the folder in the report's for pictures that a JUnit report attaches
 ATTACHMENTS = "attachments"
@@ -143,14 +144,14 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
     report = yield
     # report a case once: fixtures may also compare, before or after the test
     if cases := item.stash.get(CASES, []):
-        setattr(report, CASES_ATTRIBUTE, list(cases))
+        setattr(report, CASES_ATTRIBUTE, [asdict(case) for case in cases])
         if item.config.getoption("xmlpath", None):
             _attach(item, cases)
         cases.clear()
     return report
 
 
-def _attach(item: pytest.Item, cases: list[dict[str, str]]) -> None:
+def _attach(item: pytest.Item, cases: list[Case]) -> None:
     """Writes the pictures of failures into the report's folder, and names them in the JUnit report of the test.
 
     The property `attachment` is in every report; lines that Jenkins and GitLab read are with `junit_logging`.
@@ -161,29 +162,25 @@ def _attach(item: pytest.Item, cases: list[dict[str, str]]) -> None:
     if folder is None:
         return
     for case in cases:
-        paths = write_attachments(_case_of(case), folder.absolute() / ATTACHMENTS)
+        paths = write_attachments(case, folder.absolute() / ATTACHMENTS)
         item.user_properties.extend(("attachment", str(path)) for path in paths)
         if paths:
             item.add_report_section("call", "stdout", attachment_lines(paths))
-
-
-def _case_of(values: dict[str, str]) -> Case:
-    from splatgl.comparison.html_report import Case
-
-    return Case(**{name: values[name] for name in ("name", "state", "line", "html", "accept", "file")})
 
 
 class Collector:
     """Comparisons of all tests, in the controller process. incomplete: files with tests that did not compare."""
 
     def __init__(self) -> None:
-        self.cases: list[dict[str, str]] = []
+        self.cases: list[Case] = []
         self.incomplete: set[str] = set()
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Collects the cases attached to a test's report."""
+        from splatgl.comparison.html_report import Case
+
         cases = getattr(report, CASES_ATTRIBUTE, [])
-        self.cases += cases
+        self.cases += [Case(**values) for values in cases]
         if report.skipped or (report.failed and not cases):
             self.incomplete.add(report.location[0])
 
@@ -192,7 +189,7 @@ class Collector:
         if not self.cases:
             return
         folder, summary = output_of(config, REPORT), output_of(config, SUMMARY)
-        lines = [f"wrote {path}" for path in sorted({case["written"] for case in self.cases if case.get("written")})]
+        lines = [f"wrote {path}" for path in sorted({case.written for case in self.cases if case.written})]
         unused = self._unused(config)
         lines += [f"unused baseline: {path}" for path in unused]
         if folder:
@@ -218,15 +215,14 @@ class Collector:
         from splatgl.comparison.html_report import build_page, list_files
         from splatgl.fileio import write_file
 
-        cases = [_case_of(case) for case in self.cases]
-        wrong = sum(case.state != "same" for case in cases)
+        wrong = sum(case.state != "same" for case in self.cases)
         extra = list_files("baselines that no test compares", unused)
-        write_file(folder / "index.html", build_page(cases, "Image regression", extra).encode())
-        return f"{wrong} of {len(cases)} pictures differ, are missing or unusable: {folder / 'index.html'}"
+        write_file(folder / "index.html", build_page(self.cases, "Image regression", extra).encode())
+        return f"{wrong} of {len(self.cases)} pictures differ, are missing or unusable: {folder / 'index.html'}"
 
     def _summary(self, path: Path, folder: Path | None) -> None:
         """Appends the summary in Markdown."""
         from splatgl.comparison.ci_outputs import append_text, markdown_summary
 
         page = str(folder / "index.html") if folder else ""
-        append_text(path, markdown_summary([_case_of(case) for case in self.cases], "Image regression", page))
+        append_text(path, markdown_summary(self.cases, "Image regression", page))

@@ -204,6 +204,11 @@ class Verdict:
         """Whether every metric is within its limit, and both sizes are equal."""
         return not self.sizes and not self.broken
 
+    @property
+    def state(self) -> str:
+        """same or different."""
+        return "same" if self.same else "different"
+
     @cached_property
     def checks(self) -> tuple[Check, ...]:
         """Every computed metric; for X-rays, limits relative to the peak are multiplied by it."""
@@ -221,7 +226,7 @@ class Verdict:
 
     def __str__(self) -> str:
         """One line: the kind of change, its location, and each exceeded limit."""
-        return f"{self.name}: {'same' if self.same else 'different'}: {self.line}"
+        return f"{self.name}: {self.state}: {self.line}"
 
     @property
     def line(self) -> str:

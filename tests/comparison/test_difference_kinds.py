@@ -12,7 +12,6 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.comparison.html_report import Case, build_case, build_page
+from splatgl.comparison.html_report import Case, build_page, pair_html
 from splatgl.comparison.verdict import Criteria, Pair, Tolerance, Verdict, format_metric
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 
@@ -91,7 +90,8 @@ def test_each_is_to_be_seen_in_the_report(what: str) -> None:
     """Both pictures as they are, a difference that reaches the end of its scale, and a place for both in turn."""
     make, _, message = WRONG[what]
     image = make()
-    html = build_page([build_case(Pair(image, RIGHT).judge(names=(what, "right")), Pair(image, RIGHT))], "Report")
+    verdict = Pair(image, RIGHT).judge()
+    html = build_page([Case(what, "different", verdict.line, pair_html(verdict, Pair(image, RIGHT)))], "Report")
     assert re.search(message, html)
     pictures = [decoded(text) for text in re.findall(r'<img[^>]*src="data:image/png;base64,([^"]+)"', html)]
     assert len(pictures) in (3, 6)
@@ -111,11 +111,12 @@ def test_the_report_in_a_browser(tmp_path: Path) -> None:
     if browser is None:
         pytest.skip("Chromium is not here")
     image = one_pixel()
-    case = replace(build_case(Pair(image, RIGHT).judge(), Pair(image, RIGHT)), accept="cp a.png b.png")
+    html = pair_html(Pair(image, RIGHT).judge(), Pair(image, RIGHT))
     # its keys, pressed by a script: the second case is marked, and what is missing is hidden
     keys = "for (const key of 'jjm') document.body.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true }));"
     keys += "document.querySelector('button.missing').click();"
-    cases = [Case("gone", "missing", "no picture"), replace(case, name="b"), replace(case, name="c")]
+    differing = [Case(name, "different", "one wrong pixel", html, accept="cp a.png b.png") for name in "bc"]
+    cases = [Case("gone", "missing", "no picture"), *differing]
     page = build_page(cases, "Report").replace("</html>", f"<script>{keys}</script></html>")
     (tmp_path / "r.html").write_text(page, encoding="utf-8")
     command = [browser, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}", "--dump-dom"]

@@ -9,7 +9,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.comparison import html_report
-from splatgl.comparison.html_report import build_case, html_table
+from splatgl.comparison.html_report import html_table, pair_html
 from splatgl.comparison.verdict import Pair
 
 # more than LARGEST in both directions, and no multiple of what becomes one pixel
@@ -77,7 +77,7 @@ def test_a_large_difference_is_enlarged_at_its_worst() -> None:
 def test_the_frame_is_around_the_box() -> None:
     """In per cent of the picture, which the page may show at any size."""
     actual, right = pair(515, 500)
-    html = build_case(Pair(actual, right).judge(), Pair(actual, right)).html
+    html = pair_html(Pair(actual, right).judge(), Pair(actual, right))
     (frame,) = set(re.findall(r'class="mark" style="([^"]*)"', html))
     left, top, width, height = (float(n) for n in re.findall(r"([\d.]+)%", frame))
     assert (left, top) == pytest.approx((100 * 500 / WIDTH, 50), abs=1e-3)
@@ -97,9 +97,9 @@ def test_tables_of_many_columns_name_them_for_narrow_pages() -> None:
 def test_every_picture_has_an_alternative_text() -> None:
     """Of the whole and of the enlarged detail, and of one without a counterpart."""
     actual, right = pair(515, 500)
-    case = build_case(Pair(actual, right).judge(), Pair(actual, right))
-    alone = html_report.build_single_case("alone", "missing", "no baseline", actual)
-    for html, count in ((case.html, 6), (alone.html, 1)):
+    both = pair_html(Pair(actual, right).judge(), Pair(actual, right))
+    alone = html_report.image_html(actual)
+    for html, count in ((both, 6), (alone, 1)):
         texts = re.findall(r'<img[^>]* alt="([^"]*)"', html)
         assert len(set(texts)) == html.count("<img") == count and all(texts)
-    assert "actual picture" in case.html and "expected picture (detail)" in case.html
+    assert "actual picture" in both and "expected picture (detail)" in both
