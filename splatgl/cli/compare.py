@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -75,10 +76,10 @@ def check_apart(output: Path, *inputs: Path) -> None:
 
 
 def check_against(image: Image, reference: Picture, output: Path) -> Verdict:
-    """Verdict on a new image, as saved at `output`, by the default limits."""
+    """Verdict on a new image, as saved at `output`, by the default limits. Raises InputError for other sizes."""
     bits = reference.image.bits
     drawn = Picture(str(output), image if bits is None else image.rounded(bits))
-    return Pair(*match_formats(drawn, reference)).judge(names=(str(output), reference.name))
+    return Pair(*match_formats(drawn, reference), (drawn.name, reference.name)).judge()
 
 
 def _criteria(args: argparse.Namespace) -> Criteria:
@@ -123,10 +124,8 @@ def _text(outcomes: Sequence[Outcome], args: argparse.Namespace) -> str:
         checks = (c for c in outcomes[0].verdict.checks if not args.metric or c.name in args.metric)
         lines += [f"  {check}" for check in checks]
     if len(outcomes) > 1 and not args.quiet:
-        counts = {
-            state: sum(o.state == state for o in outcomes) for state in ("same", "different", "unusable", "missing")
-        }
-        shown = [f"{count} {state}" for state, count in counts.items() if count or state != "missing"]
+        counts, always = Counter(outcome.state for outcome in outcomes), ("same", "different", "unusable")
+        shown = [f"{counts[state]} {state}" for state in (*always, *{"missing"} & counts.keys())]
         lines.append(f"{len(outcomes)} pairs: {', '.join(shown)}")
     return "".join(f"{line}\n" for line in lines)
 

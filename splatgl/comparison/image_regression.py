@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from splatgl.comparison.html_report import Case, image_html, pair_html
-from splatgl.comparison.pictures import Picture, as_images, match_formats, read
+from splatgl.comparison.pictures import Picture, as_images, read
 from splatgl.comparison.settings import CompareOptions
 from splatgl.comparison.verdict import Criteria, Pair, Tolerance, Verdict
 from splatgl.data.image import Image
@@ -230,8 +230,9 @@ class ImageRegression:
     def _compare(self, picture: Image, path: Path, criteria: Criteria) -> tuple[Verdict | None, Case]:
         """Verdict and case for one baseline; no verdict if it cannot be compared."""
         try:
-            pair = Pair.of(*match_formats(Picture(path.stem, picture), replace(read(path), mode=None)), criteria)
-            verdict = pair.judge(criteria, (path.stem, relative_path(path)))
+            baseline = Picture(relative_path(path), read(path).image)
+            pair = Pair.of(Picture(path.stem, picture), baseline, criteria)
+            verdict = pair.judge(criteria)
         except InputError as error:
             html = image_html(picture) if self.report else ""
             return None, Case(path.stem, "unusable", str(error), html)

@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from splatgl.comparison.compare import equal_comparison
-from splatgl.comparison.pictures import Picture, frames, match_formats, read_size
+from splatgl.comparison.pictures import Picture, frames, read_size
 from splatgl.comparison.verdict import Criteria, Pair, Verdict
-from splatgl.data.image import Image
 from splatgl.errors import InputError
 
 if TYPE_CHECKING:
@@ -162,8 +161,8 @@ def _compare(files: Files, actual: Picture | None, right: Picture | None, criter
         what, path = ("new picture", files.actual) if actual is None else ("baseline", files.right)
         return Outcome(files, "missing", error=f"{files.name}: no {what} in {path}, which has fewer")
     try:
-        pair = Pair.of(*match_formats(actual, right, criteria.any_mode), criteria)
-        verdict = pair.judge(criteria, (actual.name, right.name))
+        pair = Pair.of(actual, right, criteria)
+        verdict = pair.judge(criteria)
     except InputError as error:
         return Outcome(files, "unusable", error=str(error))
     return Outcome(files, verdict.state, verdict, pair=pair)
@@ -182,13 +181,9 @@ def _case(outcome: Outcome, criteria: Criteria, pictured: bool) -> Case:
 
     files, html = outcome.files, ""
     if pictured and outcome.verdict and not outcome.verdict.same:
-        html = pair_html(outcome.verdict, outcome.pair or Pair.of(*_read_again(outcome, criteria), criteria))
+        actual, right = (islice(frames(path), outcome.frame, None) for path in files[1:])
+        html = pair_html(outcome.verdict, outcome.pair or Pair.of(next(actual), next(right), criteria))
     elif pictured and outcome.state == "missing" and files.actual.exists() != files.right.exists():
         is_expected = files.right.exists()
         html = image_html(next(frames(files.right if is_expected else files.actual)).image, is_expected)
     return Case(outcome.name, outcome.state, outcome.line.removeprefix(f"{files.name}: "), html, outcome.accept)
-
-
-def _read_again(outcome: Outcome, criteria: Criteria) -> tuple[Image, Image]:
-    actual, right = (next(islice(frames(path), outcome.frame, None)) for path in outcome.files[1:])
-    return match_formats(actual, right, criteria.any_mode)

@@ -13,7 +13,7 @@ import numpy as np
 
 from splatgl.coercion import public
 from splatgl.comparison.compare import EXTRA, NAMES
-from splatgl.comparison.pictures import as_image, match_images, read_mask
+from splatgl.comparison.pictures import Picture, as_image, read_mask
 from splatgl.comparison.verdict import LIMIT, METRICS, NOISE, Criteria, Pair, Tolerance, Verdict, criterion, limiting
 from splatgl.errors import error_prefix, expected
 from splatgl.fileio import load_table
@@ -189,5 +189,5 @@ def judge(a: Any, b: Any, **settings: Any) -> Verdict:
     """
     refuse_unknown("judge", settings, [name.replace("-", "_") for name in STATED])
     criteria = CompareOptions().changed(settings).resolve()
-    images = match_images(as_image(a, NAMES[0]), as_image(b, NAMES[1]), NAMES)
-    return Pair.of(*images, criteria).judge(criteria)
+    first, second = (Picture(name, as_image(value, name)) for name, value in zip(NAMES, (a, b), strict=True))
+    return Pair.of(first, second, criteria).judge(criteria)

@@ -22,6 +22,7 @@ from splatgl.comparison.compare import (
 )
 from splatgl.comparison.difference_kinds import DifferenceKind, classify_difference
 from splatgl.comparison.metrics import WINDOW, find_antialiased
+from splatgl.comparison.pictures import Picture, match_formats
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.options import Group, Kind, check_options, declared, option
@@ -123,12 +124,14 @@ class Pair:
 
     actual: Image
     right: Image
+    names: tuple[str, str] = NAMES
     mask: np.ndarray | None = None
     sizes: str = ""
 
     @classmethod
-    def of(cls, actual: Image, right: Image, criteria: Criteria) -> Pair:
-        """The pair, and the pixels that count by the criteria. Raises InputError if none does."""
+    def of(cls, first: Picture, second: Picture, criteria: Criteria) -> Pair:
+        """The pair, and the pixels that count by the criteria. Raises InputError if none does, see `match_formats`."""
+        actual, right = match_formats(first, second, criteria.any_mode)
         sizes = [format_size(image.pixels) for image in (actual, right)]
         mask = criteria.mask
         if criteria.ignore:
@@ -137,34 +140,35 @@ class Pair:
                 mask[top : top + height, left : left + width] = False
             if not mask.any():
                 raise expected("ignore", "a part of the picture", "all of it")
-        first, second, mask = unite_sizes(actual, right, mask, criteria.align)
-        if not criteria.antialiased and np.isfinite(first.pixels).all() and np.isfinite(second.pixels).all():
-            counts = ~find_antialiased(first.pixels, second.pixels)
+        actual, right, mask = unite_sizes(actual, right, mask, criteria.align)
+        if not criteria.antialiased and np.isfinite(actual.pixels).all() and np.isfinite(right.pixels).all():
+            counts = ~find_antialiased(actual.pixels, right.pixels)
             mask = counts if mask is None else mask & counts
-        return cls(first, second, mask, "" if sizes[0] == sizes[1] else f"size {sizes[0]}, expected {sizes[1]}")
+        difference = "" if sizes[0] == sizes[1] else f"size {sizes[0]}, expected {sizes[1]}"
+        return cls(actual, right, (first.name, second.name), mask, difference)
 
-    def judge(self, criteria: Criteria = Criteria(), names: tuple[str, str] = NAMES) -> Verdict:
+    def judge(self, criteria: Criteria = Criteria()) -> Verdict:
         """The verdict, see `compare`; images of other sizes are different."""
         if self.sizes and self.mask is not None and not self.mask.any():
-            raise expected(names[0], "a part that counts in both pictures", f"none; {self.sizes}")
-        verdict = self._measured(criteria.tolerance, criteria.extra, names)
+            raise expected(self.names[0], "a part that counts in both pictures", f"none; {self.sizes}")
+        verdict = self._measured(criteria.tolerance, criteria.extra)
         if not verdict.broken:
             return verdict
         first, second = (apply_mask(image.pixels, self.mask) for image in (self.actual, self.right))
         kind = classify_difference(first, second, verdict.comparison)
         if kind.name in ("changed", "noise") and criteria.tolerance == Tolerance():
-            noise = self._measured(NOISE["driver"], (), names)
+            noise = self._measured(NOISE["driver"])
             count = round(noise.comparison.share_over * noise.comparison.pixels)
             if count and not noise.broken:
                 text = f"{count} scattered pixels off by up to {noise.comparison.levels:.0f} levels, as between drivers"
                 kind = DifferenceKind("driver", f"{text}; --noise driver allows it")
         return replace(verdict, kind=kind)
 
-    def _measured(self, limits: Tolerance, extra: Collection[str], names: tuple[str, str]) -> Verdict:
+    def _measured(self, limits: Tolerance, extra: Collection[str] = ()) -> Verdict:
         """The verdict without the kind of difference."""
-        comparison = compare(self.actual, self.right, limits.threshold, {*extra, *limits.extra}, names, self.mask)
+        comparison = compare(self.actual, self.right, limits.threshold, {*extra, *limits.extra}, self.names, self.mask)
         height, width = self.right.pixels.shape[:2]
-        return Verdict(*names, (width, height), comparison, limits, sizes=self.sizes)
+        return Verdict(*self.names, (width, height), comparison, limits, sizes=self.sizes)
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,7 @@ WRONG: dict[str, tuple[Callable[[], sg.Image], str, str]] = {
 @pytest.mark.parametrize("what", WRONG)
 def test_each_is_caught_and_named(what: str) -> None:
     make, kind, message = WRONG[what]
-    verdict = Pair(make(), RIGHT).judge(names=("new.png", "old.png"))
+    verdict = Pair(make(), RIGHT, ("new.png", "old.png")).judge()
     assert not verdict.same
     assert verdict.kind is not None and verdict.kind.name == kind
     assert re.match(rf"new\.png: different: {message}", str(verdict))
@@ -197,7 +197,7 @@ ALSO: dict[str, Callable[[], sg.Image]] = {
 
 @pytest.mark.parametrize("text", ALSO)
 def test_what_else_has_a_name(text: str) -> None:
-    assert Pair(ALSO[text](), RIGHT).judge(names=("new.png", "old.png")).line.startswith(text)
+    assert Pair(ALSO[text](), RIGHT).judge().line.startswith(text)
 
 
 def test_what_no_change_explains_has_no_name() -> None:
