@@ -9,13 +9,12 @@ from splatgl.animation.api import FPS, SHORTEST, check_fps, timeline_of, with_bl
 from splatgl.animation.movie import expanded, volumes
 from splatgl.cli.options import (
     add_drawing,
-    add_options,
     add_source,
-    group_of,
     record_of,
     require_sources,
     scene_from,
 )
+from splatgl.cli.parser import add_options, group_of
 from splatgl.options import Group
 from splatgl.scene.draw import DrawOptions, WorkerOptions
 from splatgl.splat.settings import Settings

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from splatgl.cli.options import add_option
+from splatgl.cli.parser import add_option
 from splatgl.comparison.metrics import require_flip
 from splatgl.comparison.pairs import DIFFERENT, UNUSABLE, Files, Outcome, build_cases, compare_all
 from splatgl.comparison.pictures import Picture, find_pairs, match_formats

@@ -9,7 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from splatgl.cli.options import add_option, add_source, volume_source
+from splatgl.cli.options import add_source, volume_source
+from splatgl.cli.parser import add_option
 from splatgl.data.arrays import Window
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume, triple, with_parts

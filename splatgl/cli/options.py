@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.animation.movie import is_pattern
+from splatgl.cli.parser import add_option, add_options, group_of
 from splatgl.data.scenes import SCENES
 from splatgl.errors import SIMILAR, expected
 from splatgl.opengl import OpenGL
-from splatgl.options import Group, Option, declared, names_of
+from splatgl.options import Group, declared, names_of
 from splatgl.platforms import CHOICES
 from splatgl.readers import require_source
 from splatgl.readers.options import LoadOptions, inside
@@ -92,38 +93,6 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     group = group_of(parser, Group.PAPER)
     group.add_argument("--like", metavar="VERSION", help=f"defaults of an earlier version: {', '.join(LIKE)}")
     group.add_argument("--paper", action="store_true", help="hardware path of 1998: hybrid, 8 bits, streaks")
-
-
-def add_options(parser: argparse.ArgumentParser, record: Any, *names: str) -> None:
-    """Adds the options that a dataclass declares, or some of them, in groups by their titles."""
-    options, defaults = declared(record), {item.name: item.default for item in fields(record)}
-    for name in names or names_of(record):
-        add_option(parser, name, options[name], defaults[name])
-
-
-def add_option(parser: argparse.ArgumentParser, name: str, option: Option, default: Any = None) -> None:
-    """Adds an option. A "basic" one gets the attribute `summary`: its line of `--help`."""
-    kind, rest = option.kind, option.help.removeprefix(option.summary)
-    summary = option.summary + (f": {', '.join(option.choices)}" if option.choices and kind.metavar else "")
-    if isinstance(default, int | float) and default and "default" not in option.help:
-        summary += f" (default {default:g})"
-    arguments: dict[str, Any] = {"dest": name, "help": (summary + rest).replace("%", "%%")}
-    if option.is_bare:
-        arguments |= {"action": "store_const", "const": option.bare}
-    else:
-        arguments |= {"type": kind.parse, "metavar": option.metavar or kind.metavar}
-        arguments |= {"choices": option.choices, "type": str} if option.choices and kind.read is str else {}
-        arguments |= {"nargs": "?", "const": option.bare} if option.bare is not None else {}
-        arguments |= {"action": "append"} if option.repeat else {}
-    flag = option.flag or f"--{name.replace('_', '-')}"
-    action: Any = group_of(parser, option.group).add_argument(flag, **arguments)
-    action.summary = summary if option.level == "basic" else ""
-
-
-def group_of(parser: argparse.ArgumentParser, title: str) -> argparse._ArgumentGroup:
-    """The group of that title, which is added if there is none."""
-    groups = {group.title: group for group in parser._action_groups}
-    return groups.get(title) or parser.add_argument_group(title)
 
 
 def scene_from(args: argparse.Namespace, source: str | None = None) -> SceneFile:

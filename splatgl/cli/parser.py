@@ -1,10 +1,14 @@
-"""Argument parser: help in two lengths, errors in one line, and messages that name options as users type them."""
+"""Argument parser: help in two lengths, errors in one line, messages with flags, and options of dataclasses."""
 
 from __future__ import annotations
 
 import argparse
 import re
-from typing import Any, NoReturn
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, NoReturn
+
+if TYPE_CHECKING:
+    from splatgl.options import Option
 
 # names in messages that stand for other options; --target is checked by argparse
 OTHER_NAMES = {"target": "look_at"}
@@ -130,6 +134,40 @@ class HelpAll(argparse.Action):
         """Prints help on all options, and exits."""
         print(parser.format_help(everything=True), end="")
         parser.exit()
+
+
+def add_options(parser: argparse.ArgumentParser, record: Any, *names: str) -> None:
+    """Adds the options that a dataclass declares, or some of them, in groups by their titles."""
+    from splatgl.options import declared, names_of
+
+    options, defaults = declared(record), {item.name: item.default for item in fields(record)}
+    for name in names or names_of(record):
+        add_option(parser, name, options[name], defaults[name])
+
+
+def add_option(parser: argparse.ArgumentParser, name: str, option: Option, default: Any = None) -> None:
+    """Adds an option. A "basic" one gets the attribute `summary`: its line of `--help`."""
+    kind, rest = option.kind, option.help.removeprefix(option.summary)
+    summary = option.summary + (f": {', '.join(option.choices)}" if option.choices and kind.metavar else "")
+    if isinstance(default, int | float) and default and "default" not in option.help:
+        summary += f" (default {default:g})"
+    arguments: dict[str, Any] = {"dest": name, "help": (summary + rest).replace("%", "%%")}
+    if option.is_bare:
+        arguments |= {"action": "store_const", "const": option.bare}
+    else:
+        arguments |= {"type": kind.parse, "metavar": option.metavar or kind.metavar}
+        arguments |= {"choices": option.choices, "type": str} if option.choices and kind.read is str else {}
+        arguments |= {"nargs": "?", "const": option.bare} if option.bare is not None else {}
+        arguments |= {"action": "append"} if option.repeat else {}
+    flag = option.flag or f"--{name.replace('_', '-')}"
+    action: Any = group_of(parser, option.group).add_argument(flag, **arguments)
+    action.summary = summary if option.level == "basic" else ""
+
+
+def group_of(parser: argparse.ArgumentParser, title: str) -> argparse._ArgumentGroup:
+    """The group of that title, which is added if there is none."""
+    groups = {group.title: group for group in parser._action_groups}
+    return groups.get(title) or parser.add_argument_group(title)
 
 
 def one_line(text: str) -> str:

@@ -16,13 +16,12 @@ from splatgl.animation.movie import is_pattern
 from splatgl.cli.options import (
     ON_PAPER,
     add_drawing,
-    add_options,
     add_source,
-    group_of,
     record_of,
     scene_from,
 )
 from splatgl.cli.output import OutputOptions
+from splatgl.cli.parser import add_options, group_of
 from splatgl.data.color import AUTO
 from splatgl.data.image import Image, save_map
 from splatgl.errors import expected

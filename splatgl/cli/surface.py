@@ -7,7 +7,8 @@ import time
 from pathlib import Path
 
 from splatgl.cli.convert import crop_volume
-from splatgl.cli.options import add_options, add_source, volume_source
+from splatgl.cli.options import add_source, volume_source
+from splatgl.cli.parser import add_options
 from splatgl.data.scenes import SCENES
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import check_output, check_source
