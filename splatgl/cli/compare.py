@@ -13,7 +13,7 @@ from pathlib import Path
 
 from splatgl.cli.parser import add_option
 from splatgl.comparison.metrics import require_flip
-from splatgl.comparison.pairs import DIFFERENT, UNUSABLE, Files, Outcome, build_cases, compare_all
+from splatgl.comparison.pairs import DIFFERENT, UNUSABLE, FilePair, Outcome, build_cases, compare_all
 from splatgl.comparison.pictures import Picture, find_pairs, match_formats
 from splatgl.comparison.settings import STATED, CompareOptions
 from splatgl.comparison.verdict import Criteria, Pair, Verdict
@@ -49,7 +49,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compares and prints; returns 0 if all pairs are the same, 1 if any differ, 2 if any cannot be compared."""
     actual, right = Path(args.actual), Path(args.expected)
-    pairs = [Files(*names) for names in find_pairs(actual, right)]
+    pairs = [FilePair(*names) for names in find_pairs(actual, right)]
     if args.diff and actual.is_dir():
         raise expected("--diff", "two files", "two folders", "use --report for folders")
     outputs = ((args.diff, (".png",)), (args.report, (".html",)), (args.summary, (".md", "")), (args.junit, (".xml",)))

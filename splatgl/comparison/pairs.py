@@ -30,7 +30,7 @@ BLOCK = 2**20
 WORTH_A_PROCESS = 12
 
 
-class Files(NamedTuple):
+class FilePair(NamedTuple):
     """A pair of files by the name that both share."""
 
     name: str
@@ -45,7 +45,7 @@ class Outcome:
     verdict: None if missing or unusable. frame: of a file with several. pair: on request.
     """
 
-    files: Files
+    files: FilePair
     state: str
     verdict: Verdict | None = None
     error: str = ""
@@ -82,7 +82,7 @@ class Outcome:
         return str(self.verdict) if self.verdict else self.error
 
 
-def compare_all(pairs: Sequence[Files], criteria: Criteria, processes: int | None = None) -> Iterator[Outcome]:
+def compare_all(pairs: Sequence[FilePair], criteria: Criteria, processes: int | None = None) -> Iterator[Outcome]:
     """Yields the outcomes of pairs in their order. processes: at most; None: one a core, where that is faster.
 
     In programs other than splatgl they are threads.
@@ -108,7 +108,7 @@ def _is_program() -> bool:
     return program.stem == "splatgl" or program.parts[-2:] == ("splatgl", "__main__.py")
 
 
-def have_equal_bytes(files: Files) -> bool:
+def have_equal_bytes(files: FilePair) -> bool:
     """Whether both files are PNGs that end as such, of equal bytes."""
     try:
         if files.actual.stat().st_size != files.right.stat().st_size or read_size(files.actual) is None:
@@ -124,14 +124,14 @@ def have_equal_bytes(files: Files) -> bool:
         return False
 
 
-def _equal_outcome(files: Files, criteria: Criteria) -> Outcome:
+def _equal_outcome(files: FilePair, criteria: Criteria) -> Outcome:
     width, height = read_size(files.actual) or (0, 0)
     limits = criteria.tolerance
     comparison = equal_comparison(width * height, limits.threshold, criteria.extra | limits.extra)
     return Outcome(files, "same", Verdict(str(files.actual), str(files.right), (width, height), comparison, limits))
 
 
-def compare_files(files: Files, criteria: Criteria, keep: bool = False) -> list[Outcome]:
+def compare_files(files: FilePair, criteria: Criteria, keep: bool = False) -> list[Outcome]:
     """Outcomes of the pictures of two files: one, or one a page or frame. keep: keeps the pictures in it."""
     for what, path, other in (("new picture", files.actual, files.right), ("baseline", files.right, files.actual)):
         if not path.exists() and other.exists():
@@ -147,7 +147,7 @@ def compare_files(files: Files, criteria: Criteria, keep: bool = False) -> list[
     return outcomes
 
 
-def _together(files: Files) -> Iterator[tuple[Picture | None, Picture | None]]:
+def _together(files: FilePair) -> Iterator[tuple[Picture | None, Picture | None]]:
     """Pictures of both files; the first are read in parallel, as decoding releases the GIL."""
     both = frames(files.actual), frames(files.right)
     with ThreadPoolExecutor(2) as threads:
@@ -156,7 +156,7 @@ def _together(files: Files) -> Iterator[tuple[Picture | None, Picture | None]]:
     yield from zip_longest(*both)
 
 
-def _compare(files: Files, actual: Picture | None, right: Picture | None, criteria: Criteria) -> Outcome:
+def _compare(files: FilePair, actual: Picture | None, right: Picture | None, criteria: Criteria) -> Outcome:
     if actual is None or right is None:
         what, path = ("new picture", files.actual) if actual is None else ("baseline", files.right)
         return Outcome(files, "missing", error=f"{files.name}: no {what} in {path}, which has fewer")

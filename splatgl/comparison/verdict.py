@@ -172,7 +172,7 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class Check:
+class MetricCheck:
     """A metric's value, and its limit, if any."""
 
     name: str
@@ -214,7 +214,7 @@ class Verdict:
         return "same" if self.same else "different"
 
     @cached_property
-    def checks(self) -> tuple[Check, ...]:
+    def checks(self) -> tuple[MetricCheck, ...]:
         """Every computed metric; for X-rays, limits relative to the peak are multiplied by it."""
         fields, checks = {"share": "share_over", "unmatched": "share_unmatched"}, []
         for name in METRICS:
@@ -225,7 +225,7 @@ class Verdict:
                 limit *= self.comparison.peak
             at_least = declared(Tolerance)[name].flag.startswith("--min")
             is_ok = limit is None or (value >= limit if at_least else abs(value) <= limit)
-            checks.append(Check(name, value, limit, is_ok, at_least))
+            checks.append(MetricCheck(name, value, limit, is_ok, at_least))
         return tuple(checks)
 
     def __str__(self) -> str:

@@ -18,7 +18,7 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.comparison.pairs import Files, compare_all, compare_files
+from splatgl.comparison.pairs import FilePair, compare_all, compare_files
 from splatgl.comparison.pictures import find_pairs
 from splatgl.comparison.verdict import Criteria
 
@@ -514,7 +514,7 @@ def test_equal_bytes_are_not_decoded_and_processes_keep_the_order(
         for number in range(6):
             changed = [number] if folder == "a" and number % 2 else []
             Pillow.fromarray(noisy(changed)[:9, :16]).save(tmp_path / folder / f"{number}.png")
-    pairs = [Files(*names) for names in find_pairs(tmp_path / "a", tmp_path / "b")]
+    pairs = [FilePair(*names) for names in find_pairs(tmp_path / "a", tmp_path / "b")]
     outcomes = list(compare_all(pairs, Criteria(extra=frozenset({"ssim"})), processes=2))
     assert [o.state for o in outcomes] == ["same", "different"] * 3 and [o.files for o in outcomes] == pairs
     program = [sys.executable, "-m", "splatgl", "compare", "a", "b", "--processes", "2", "--json"]
