@@ -470,6 +470,11 @@ def test_parts_that_are_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     assert main(["compare", "../b.png", "../a.png", "--ignore", "date"]) == 2, "pictures of options are here"
     Path("../pyproject.toml").write_text(SETTINGS.replace('["clock"]', '["date"]'))
     assert main(["compare", "../b.png", "../a.png"]) == 0, "pictures of the project's are there"
+    Pillow.new("L", (120, 90), 255).save("all.png")
+    assert main(["compare", "../b.png", "../a.png", "--mask", "all.png"]) == 0, "each in the folder of what names it"
+    Path("../pyproject.toml").write_text(SETTINGS + 'metric = ["psrn"]\n')
+    assert main(["compare", "../b.png", "../a.png"]) == 2
+    assert "[tool.splatgl.compare]: metric: expected all, or some of maximum, rmse" in capsys.readouterr().err
     Path("../pyproject.toml").write_text(SETTINGS.replace("noise", "nois"))
     capsys.readouterr()
     assert main(["compare", "../b.png", "../a.png"]) == 2
