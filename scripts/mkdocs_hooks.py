@@ -14,8 +14,7 @@ from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.cli.main import COMMANDS, _parser
 from splatgl.options import declared
 from splatgl.planning.technique import TECHNIQUES, table_of_refusals
-from splatgl.report.page import registry
-from splatgl.report.tables import Table
+from splatgl.report.page import Table, registry
 from splatgl.splat.settings import Settings
 from splatgl.viewer import commands
 

@@ -17,7 +17,7 @@ from splatgl.geometry.camera import Camera
 from splatgl.gl.renderer import Renderer
 from splatgl.reference.field import field_integral
 from splatgl.reference.ray_integral import ray_integral
-from splatgl.report.tables import Table
+from splatgl.report.page import Table
 from splatgl.splat.extract import extract
 from splatgl.splat.settings import Footprint, Settings
 from splatgl.splat.splats import Splats

@@ -29,7 +29,7 @@ from vtk_peers import Peer
 
 import splatgl as sg
 from splatgl.planning.resolve import extract_for_settings
-from splatgl.report.plots import BLACK, BLUE, GRAY, RED, encode, sheet, style
+from splatgl.report.diagram import BLACK, BLUE, GRAY, RED, encode, sheet, style
 from splatgl.scene.view import ViewOptions
 
 # voxels a side against pixels, pixels a side against voxels

@@ -19,14 +19,14 @@ from splatgl.cli.main import refuse_empty
 from splatgl.cli.parser import BAD_INPUT, Parser, one_line
 from splatgl.errors import InputError, expected
 from splatgl.fileio import check_output, write_file
-from splatgl.report.tables import PAGE
+from splatgl.report.page import TEXT_WIDTH
 
 # figures whose text output is the claims based on them
 CLAIMED = (9, 10)
 # numbers of all available figures
 KNOWN = sorted([*FIGURES, *PICTURES])
 # text without a picture
-PRINTED = {"claims": page, "table1": lambda: f"{fill(CAPTION, PAGE)}\n\n{forms_table().text()}"}
+PRINTED = {"claims": page, "table1": lambda: f"{fill(CAPTION, TEXT_WIDTH)}\n\n{forms_table().text()}"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output or not args.numbers:
         check_output(output, (".png", ".svg"))
         write_file(output, figure.picture(output.suffix.lower(), f"splatgl {__version__}"))
-        print(f"{output}:", fill(f"Figure {figure.number}. {figure.caption}", PAGE), sep="\n")
+        print(f"{output}:", fill(f"Figure {figure.number}. {figure.caption}", TEXT_WIDTH), sep="\n")
     if args.numbers:
         print(text(figure))
     return 0
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
 
 def text(figure: Figure) -> str:
     """A figure's data as a page of text."""
-    head = fill(f"Figure {figure.number}. {figure.caption}", PAGE)
+    head = fill(f"Figure {figure.number}. {figure.caption}", TEXT_WIDTH)
     body = page(figure.number) if figure.number in CLAIMED else figure.table().text()
     return f"{head}\n\n{body}"
 

@@ -27,7 +27,7 @@ from paper.figures.footprint_errors import (
 )
 from paper.figures.paper_setup import PAPER, Setting, Stretched
 
-from splatgl.report.tables import PAGE
+from splatgl.report.page import TEXT_WIDTH
 from splatgl.splat.footprint import Splat, switch_depth
 from splatgl.splat.kernels import Kernel, kernel
 
@@ -315,8 +315,8 @@ def page(figure: int | None = None) -> str:
 
 def _block(claim: Claim) -> str:
     verdict, margin = ("holds:        " if claim.holds else "DOES NOT HOLD:"), " " * 15
-    head = fill(f"{claim.text} [{claim.source}]", PAGE, initial_indent=f"{verdict} ", subsequent_indent=margin)
-    numbers = fill(f"found: {claim.numbers}", PAGE, initial_indent=margin, subsequent_indent=margin)
+    head = fill(f"{claim.text} [{claim.source}]", TEXT_WIDTH, initial_indent=f"{verdict} ", subsequent_indent=margin)
+    numbers = fill(f"found: {claim.numbers}", TEXT_WIDTH, initial_indent=margin, subsequent_indent=margin)
     return f"{head}\n{numbers}"
 
 

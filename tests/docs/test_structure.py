@@ -85,7 +85,6 @@ SHORT_FILES = {
     "cli/animate.py": "cli/main.py: COMMANDS",
     "cli/info.py": "cli/main.py: COMMANDS",
     "cli/surface.py": "cli/main.py: COMMANDS",
-    "report/tables.py": "tables of scripts, too",
     "reference/ewa.py": "a splat of another method, beside the rows of Table 1",
     "distributed/worker_preload.py": "Dask's option preload",
 }

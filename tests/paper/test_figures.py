@@ -17,7 +17,7 @@ from paper.figures.forms_table import forms_table
 from paper.figures.paper_setup import PAPER, Setting
 
 from splatgl.errors import InputError
-from splatgl.report.plots import RESOLUTION, style
+from splatgl.report.diagram import PRINT_RESOLUTION, style
 from splatgl.splat.footprint import ROWS, Splat
 from splatgl.splat.kernels import Gaussian, register_kernel
 from tests.paper.helpers import refused
@@ -235,7 +235,7 @@ def test_pictures_are_written(number: int, here: Path, capsys: pytest.CaptureFix
     said = capsys.readouterr().out
     assert f"Figure {number}. " in said and sum(character.isdigit() for character in said) > 30
     with Image.open(io.BytesIO((here / f"figure{number}.png").read_bytes())) as picture:
-        assert picture.width == 3.5 * RESOLUTION
+        assert picture.width == 3.5 * PRINT_RESOLUTION
         assert picture.info["Description"] == FIGURES[number].caption
     svg = (here / "a.svg").read_text()
     assert svg.startswith("<?xml") and len(svg) > 4000

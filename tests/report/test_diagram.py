@@ -10,10 +10,9 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import _parser
-from splatgl.report.diagram import _figure, picture, plot_styles
+from splatgl.report.diagram import _figure, picture, places, plot_styles
 from splatgl.report.methods import DEFAULT, EXACT, TRUTHS, methods
 from splatgl.report.page import choices, conclusion
-from splatgl.report.plots import places
 from splatgl.report.sweep import Row, SceneResults, Subject, Timing
 
 FRAME = np.array([0.0, 0.0, 400.0, 300.0])

@@ -9,7 +9,7 @@ from textwrap import fill
 import numpy as np
 
 from splatgl.reference.ray_integral import ray_integral
-from splatgl.report.tables import PAGE, Table
+from splatgl.report.page import TEXT_WIDTH, Table
 from tests.stress import attenuation
 from tests.stress.case import (
     Bench,
@@ -204,7 +204,8 @@ def wall(bench: Bench) -> str:
 def _page(*parts: str | tuple[str, Table]) -> str:
     """Paragraphs and tables with their headings, wrapped to the page width."""
     blocks = [
-        fill(part, PAGE) if isinstance(part, str) else f"{fill(part[0], PAGE)}\n{part[1].text()}" for part in parts
+        fill(part, TEXT_WIDTH) if isinstance(part, str) else f"{fill(part[0], TEXT_WIDTH)}\n{part[1].text()}"
+        for part in parts
     ]
     return "\n\n".join(blocks)
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from paper.figures.paper_setup import PAPER, Stretched
 
-from splatgl.report.plots import BLACK, COLUMN, GRAY, LINES, RED, draw_isolines, sheet
-from splatgl.report.tables import Table
+from splatgl.report.diagram import BLACK, COLUMN, GRAY, LINES, RED, draw_isolines, sheet
+from splatgl.report.page import Table
 from splatgl.splat.footprint import FORMS, ROWS, Splat, row1
 from splatgl.splat.kernels import Kernel
 

@@ -6,7 +6,7 @@ import numpy as np
 from paper.figures.footprint_errors import ALL, Space
 from paper.figures.paper_setup import PAPER
 
-from splatgl.report.tables import Table
+from splatgl.report.page import Table
 
 CAPTION = (
     "Four approximations of Table 1 and form b′ against row 1, the correct stretch: the largest error of a splat over "

@@ -9,7 +9,7 @@ import numpy as np
 from paper.figures.paper_setup import Stretched, straight_ahead
 
 from splatgl.geometry.camera import Camera
-from splatgl.report.plots import (
+from splatgl.report.diagram import (
     BLACK,
     BLUE,
     GRAY,
@@ -23,7 +23,7 @@ from splatgl.report.plots import (
     plain,
     sheet,
 )
-from splatgl.report.tables import Table
+from splatgl.report.page import Table
 from splatgl.splat.footprint import ROWS, Splat, row1
 from splatgl.splat.kernels import kernel
 

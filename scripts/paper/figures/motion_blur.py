@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.report.plots import BLACK, BLUE, GRAY, GREEN, RED, bare, measure, plain, sheet
-from splatgl.report.tables import Table
+from splatgl.report.diagram import BLACK, BLUE, GRAY, GREEN, RED, bare, measure, plain, sheet
+from splatgl.report.page import Table
 from splatgl.splat.kernels import kernel
 from splatgl.splat.motion_blur import MOTIONS, energy_gain, paper_gain, streak, stretched_footprint
 

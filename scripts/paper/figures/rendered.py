@@ -37,7 +37,7 @@ from splatgl.fileio import check_output, check_source, write_file
 from splatgl.geometry.camera import Camera
 from splatgl.options import Kind, declared
 from splatgl.planning.resolve import blur_form
-from splatgl.report.tables import PAGE, Table
+from splatgl.report.page import TEXT_WIDTH, Table
 from splatgl.scene.draw import DrawOptions
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
@@ -204,7 +204,7 @@ def run_picture(args: argparse.Namespace) -> int:
         if is_drawn:
             write_file(output, encode_sheet(picture(shown), about, f"splatgl {__version__}"))
             print(f"{output}:")
-        print(fill(f"Figure {figure.number}. {about}", PAGE))
+        print(fill(f"Figure {figure.number}. {about}", TEXT_WIDTH))
         if args.numbers:
             print(f"\n{metrics(shown).text()}")
     return 0
