@@ -23,8 +23,8 @@ from splatgl.scene.open_scene import print_notes
 from splatgl.splat.extract import extract
 from splatgl.transfer.regions import OPAQUE, extinction_of
 from splatgl.transfer.transfer import Transfer
-from splatgl.writers import ome
-from splatgl.writers.ome import describe_levels, finer_box, level_boxes, level_grids
+from splatgl.writers import formats
+from splatgl.writers.formats import describe_levels, finer_box, level_boxes, level_grids
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
@@ -90,7 +90,7 @@ def write(path: Path, volume: Volume, transfer: Transfer) -> list[Places]:
 
 def _arrays(group: Any, number: int, shape: Places) -> tuple[Any, Any]:
     """Creates the arrays of opacity and colour of a level; empty chunks are not stored."""
-    chunks = (ome.CHUNK,) * 3
+    chunks = (formats.CHUNK,) * 3
     opacity = group.create_array(str(number), shape=shape, chunks=chunks, dtype="f4", fill_value=0)
     name, all_of = f"color/{number}", (*shape, 3)
     return opacity, group.create_array(name, shape=all_of, chunks=(*chunks, 3), dtype="u1", fill_value=0)

@@ -55,14 +55,14 @@ class Target:
 _GRID = ("spacing", "origin", "direction", "times")
 _NIFTI = partial(Target, frame="RAS", units=("mm", "um", "m"), library=("nibabel", "nibabel"))
 TARGETS = (
-    _NIFTI("NIfTI", (".nii",), "headers.write_nifti", (*_GRID, "color", "vectors")),
-    _NIFTI("NIfTI", (".nii.gz",), "headers.write_nifti_gz", (*_GRID, "color", "vectors")),
-    Target("NRRD", (".nrrd",), "headers.write_nrrd", (*_GRID, "color", "vectors", "layers", "labels", "value unit")),
-    Target("MetaImage", (".mha",), "headers.write_metaimage", (*_GRID, "color", "vectors"), "LPS", ("mm", "um", "cm")),
+    _NIFTI("NIfTI", (".nii",), "formats.write_nifti", (*_GRID, "color", "vectors")),
+    _NIFTI("NIfTI", (".nii.gz",), "formats.write_nifti_gz", (*_GRID, "color", "vectors")),
+    Target("NRRD", (".nrrd",), "formats.write_nrrd", (*_GRID, "color", "vectors", "layers", "labels", "value unit")),
+    Target("MetaImage", (".mha",), "formats.write_metaimage", (*_GRID, "color", "vectors"), "LPS", ("mm", "um", "cm")),
     Target(
         "OME-TIFF",
         (".ome.tif", ".ome.tiff", ".tif", ".tiff"),
-        "ome.write_tiff",
+        "formats.write_tiff",
         ("spacing", "times", "color", "channels"),
         types=("u1", "i1", "u2", "i2", "i4", "u4", "f4", "f8"),
         library=("tifffile", "tifffile"),
@@ -70,13 +70,13 @@ TARGETS = (
     Target(
         "OME-Zarr",
         (".zarr",),
-        "ome.write_zarr",
+        "formats.write_zarr",
         (*_GRID, "channels", "labels"),
         types=(*_ALL, "f2"),
         library=("zarr", "zarr"),
         is_folder=True,
     ),
-    Target("NumPy", (".npy",), "headers.write_npy", ("color", "vectors"), types=(*_ALL, "b1", "f2", "f16")),
+    Target("NumPy", (".npy",), "formats.write_npy", ("color", "vectors"), types=(*_ALL, "b1", "f2", "f16")),
 )
 
 

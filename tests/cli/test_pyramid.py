@@ -15,7 +15,7 @@ from splatgl.cli.main import main
 from splatgl.cli.pyramid import classified, halved, write
 from splatgl.gl.large_volumes import choose_level
 from splatgl.splat.settings import Settings
-from splatgl.writers import ome
+from splatgl.writers import formats
 from tests.helpers.levels import with_levels
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
@@ -68,7 +68,7 @@ def test_voxels_are_those_of_the_extractor(rng: np.random.Generator) -> None:
 @pytest.fixture
 def store(threads: sg.Volume, tmp_path: Path, monkeypatch: Any) -> sg.Volume:
     """Threads one voxel wide, turned, as a pyramid of four levels."""
-    monkeypatch.setattr(ome, "CHUNK", 8)
+    monkeypatch.setattr(formats, "CHUNK", 8)
     turned = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
     given = replace(threads, coarser=(), direction=turned, spacing=(1, 1, 2), origin=(3, 4, 5), unit="um", frame="RAS")
     write(tmp_path / "p.zarr", given, LOOK)
@@ -117,7 +117,7 @@ def test_thin_things_stay_at_coarse_levels(
 
 def test_the_command(tmp_path: Path, monkeypatch: Any, capsys: Any, threads: sg.Volume) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(ome, "CHUNK", 16)
+    monkeypatch.setattr(formats, "CHUNK", 16)
     np.save("t.npy", threads.samples)
     asked = ["pyramid", "t.npy", "--points", "0.3:0,1:0.9", "-o"]
     assert main([*asked, "p.zarr"]) == 0

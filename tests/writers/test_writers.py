@@ -16,7 +16,7 @@ from splatgl import writers
 from splatgl.cli.main import main
 from splatgl.data.color import luma
 from splatgl.data.volume import Hints, Label
-from splatgl.writers import TARGETS, ome, save
+from splatgl.writers import TARGETS, save
 
 for library in ("nibabel", "nrrd", "tifffile", "zarr"):
     pytest.importorskip(library, reason="needs the extra readers")
@@ -375,14 +375,14 @@ def full_disk(module: Any, name: str, monkeypatch: pytest.MonkeyPatch) -> Iterat
 
 
 def test_a_failed_run_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from splatgl.writers import headers
+    from splatgl.writers import formats
 
     volume = sg.Volume(np.ones((2, 3, 4), np.uint8), labels=TABLE)
     (path := tmp_path / "a.nii").write_bytes(b"old")
     path.chmod(0o600)
-    with full_disk(headers, "_write_slabs", monkeypatch), pytest.raises(sg.InputError, match="No space left"):
+    with full_disk(formats, "_write_slabs", monkeypatch), pytest.raises(sg.InputError, match="No space left"):
         volume.save(path)
-    with full_disk(ome, "describe_levels", monkeypatch), pytest.raises(sg.InputError, match="No space left"):
+    with full_disk(formats, "describe_levels", monkeypatch), pytest.raises(sg.InputError, match="No space left"):
         volume.save(tmp_path / "a.zarr")
     assert path.read_bytes() == b"old" and [file.name for file in tmp_path.iterdir()] == ["a.nii"]
     volume.save(path)
