@@ -22,7 +22,7 @@ from splatgl.animation.movie import open_series, read_ahead
 from splatgl.annotations.annotate import annotated, check_time, on_ground
 from splatgl.annotations.canvas import Subject
 from splatgl.data.image import Image
-from splatgl.distributed.worker import Drawing, keep_latest, renderer
+from splatgl.distributed.workers import Drawing, keep_latest, renderer, spread
 from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name
 from splatgl.geometry.camera import Bounded, Camera
@@ -209,8 +209,6 @@ class Animation:
         self, client: Client, frames: Frames, todo: Sequence[int], drawing: Drawing
     ) -> Iterator[tuple[int, bytes, list[str]]]:
         """Yields the number, file and notes of frames that workers draw, which open the files."""
-        from splatgl.distributed.cluster import spread
-
         job = replace(self.job, scenes=[scene.with_absolute_paths() for scene in self.job.scenes])
         if self.job.settings.is_sum:
             ((_, top),) = spread(client, _brightest, [("the brightest frame", (job, drawing, self.probes))])

@@ -20,7 +20,7 @@ from splatgl.scene.open_scene import OpenScene, look_notes, series_look
 
 if TYPE_CHECKING:
     from splatgl.data.affine import World
-    from splatgl.distributed.worker import Drawing
+    from splatgl.distributed.workers import Drawing
     from splatgl.geometry.camera import Camera
     from splatgl.scene.scene_file import SceneFile
 
@@ -173,7 +173,7 @@ def _on_workers(jobs: Sequence[BatchJob], how: DrawOptions, by: WorkerOptions) -
     """Yields each job with its picture or its error, drawn by workers; with --same those up to the first picture are
     drawn in this process.
     """
-    from splatgl.distributed.cluster import spread
+    from splatgl.distributed.workers import spread
     from splatgl.splat.kernels import require_built_in
 
     how.check_supported("workers", "pictures that are drawn by this process", "--workers")
@@ -201,7 +201,7 @@ def _on_workers(jobs: Sequence[BatchJob], how: DrawOptions, by: WorkerOptions) -
 
 def _draw_on_worker(job: BatchJob, how: DrawOptions, drawing: Drawing) -> BatchPicture | str:
     """Draws a job on a worker, with its renderer."""
-    from splatgl.distributed.worker import renderer
+    from splatgl.distributed.workers import renderer
 
     return draw_job(job, replace(how, held=renderer(drawing)))
 

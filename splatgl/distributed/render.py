@@ -15,8 +15,7 @@ import numpy as np
 from splatgl.coercion import public
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
-from splatgl.distributed.cluster import spread
-from splatgl.distributed.worker import Drawing, call, keep_latest, renderer
+from splatgl.distributed.workers import Drawing, addresses, call, keep_latest, outcome, renderer, spread
 from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, call_within, parse_bytes
 from splatgl.geometry.camera import Camera
@@ -216,8 +215,6 @@ def draw_parts(
 ) -> Image:
     """Draws the picture of a job. volume: a future, if it is sent to workers. check: as of `check_bricks`."""
     from distributed import as_completed
-
-    from splatgl.distributed.cluster import addresses, outcome
 
     started, submit = time.perf_counter(), partial(client.submit, call, call_within, job.memory, pure=False)
     futures = []

@@ -29,7 +29,7 @@ from splatgl.splat.settings import Settings
 if TYPE_CHECKING:
     from distributed import Client
 
-    from splatgl.distributed.worker import Drawing
+    from splatgl.distributed.workers import Drawing
     from splatgl.geometry.camera import Camera
     from splatgl.gl.renderer import Renderer
     from splatgl.planning.scene import Scene
@@ -174,13 +174,13 @@ class WorkerOptions:
     @property
     def drawing(self) -> Drawing:
         """OpenGL options of the workers."""
-        from splatgl.distributed.worker import Drawing
+        from splatgl.distributed.workers import Drawing
 
         return Drawing(**vars(self.opengl), devices=tuple(self.devices))
 
     def connected(self, tell: Callable[[str], None] | None = print) -> AbstractContextManager[Client]:
         """A client of the workers; tell: as of `distributed.connected`."""
-        from splatgl.distributed.cluster import connected
+        from splatgl.distributed.workers import connected
 
         return connected(self.workers, self.scheduler, tell)
 

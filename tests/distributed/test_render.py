@@ -18,7 +18,7 @@ import pytest
 import splatgl as sg
 from splatgl import fileio
 from splatgl.cli.main import main
-from splatgl.distributed import cluster, connected, worker
+from splatgl.distributed import connected, workers
 from splatgl.distributed.render import PicturePart, join_parts, join_samples, render_slabs
 from splatgl.planning.bricks import Bricks, bricks_of
 from splatgl.splat.settings import Settings
@@ -111,7 +111,7 @@ def test_workers_have_the_budget_that_is_set(client: Any) -> None:
     """Of frames of movies, too."""
     for memory in (3 << 30, None):
         with fileio.within(memory):
-            (found,) = cluster.spread(client, fileio.stated_budget, [("one", ())])
+            (found,) = workers.spread(client, fileio.stated_budget, [("one", ())])
         assert found == ("one", memory)
 
 
@@ -207,7 +207,7 @@ def killing(marker: str, times: int, value: int) -> int:
 @pytest.mark.long
 def test_work_of_a_worker_that_dies_is_done_again(client: Any, tmp_path: Path) -> None:
     items = [(f"frame {n}", (str(tmp_path / "once"), 1 if n == 3 else 0, n)) for n in range(8)]
-    assert sorted(found for _, found in cluster.spread(client, killing, items)) == list(range(8))
+    assert sorted(found for _, found in workers.spread(client, killing, items)) == list(range(8))
     assert (tmp_path / "once").read_text() == "x"
 
 
@@ -216,28 +216,28 @@ def test_work_that_kills_its_workers_is_given_up(client: Any, tmp_path: Path) ->
     items = [(f"frame {n}", (str(tmp_path / f"m{n}"), 99 if n == 2 else 0, n)) for n in range(6)]
     done = list[int]()
     with pytest.raises(sg.InputError, match=r"^frame 2: its worker died 3 times, most likely out of memory; try --mem"):
-        done.extend(found for _, found in cluster.spread(client, killing, items))
+        done.extend(found for _, found in workers.spread(client, killing, items))
     assert len((tmp_path / "m2").read_text()) == 3
     client.wait_for_workers(2, timeout=60)
 
 
 @pytest.mark.long
 def test_what_was_started_otherwise_is_told(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    cluster.check_workers(client)
+    workers.check_workers(client)
     monkeypatch.setattr("splatgl.__version__", "9.9")
     with pytest.raises(sg.InputError, match=r"^worker tcp://.*: expected splatgl 9\.9 and Python .*, got splatgl 0"):
-        cluster.check_workers(client)
+        workers.check_workers(client)
 
 
 def test_devices_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
-    few = worker.Drawing(devices=(0, 2))
-    assert [worker.device_of(few, n) for n in range(4)] == [0, 2, 0, 2]
-    monkeypatch.setattr(worker, "graphics_cards", lambda: (1, 3))
-    assert [worker.device_of(worker.Drawing(), n) for n in range(3)] == [1, 3, 1]
-    assert worker.device_of(worker.Drawing("osmesa"), 0) is None
-    assert worker.device_of(worker.Drawing(device=2), 1) == 2
-    monkeypatch.setattr(worker, "graphics_cards", lambda: (1,))
-    assert worker.device_of(worker.Drawing(), 5) is None
+    few = workers.Drawing(devices=(0, 2))
+    assert [workers.device_of(few, n) for n in range(4)] == [0, 2, 0, 2]
+    monkeypatch.setattr(workers, "graphics_cards", lambda: (1, 3))
+    assert [workers.device_of(workers.Drawing(), n) for n in range(3)] == [1, 3, 1]
+    assert workers.device_of(workers.Drawing("osmesa"), 0) is None
+    assert workers.device_of(workers.Drawing(device=2), 1) == 2
+    monkeypatch.setattr(workers, "graphics_cards", lambda: (1,))
+    assert workers.device_of(workers.Drawing(), 5) is None
 
 
 # --- the command line -------------------------------------------------------------------------------------------------
@@ -321,7 +321,7 @@ def test_bad_options(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(cluster, "TIMEOUT", 0.5)
+    monkeypatch.setattr(workers, "TIMEOUT", 0.5)
     assert main(["render", str(saved), "-o", str(tmp_path / "a.png"), "--size", "8", *options]) == 2
     error = capsys.readouterr().err
     assert error.startswith(f"splatgl: {said}") and error.count("\n") == 1 and not (tmp_path / "a.png").exists()
@@ -331,7 +331,7 @@ def test_bad_options(
 def test_dask_computes_as_before_where_no_scheduler_answers(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
     dask = pytest.importorskip("dask")
-    monkeypatch.setattr(cluster, "TIMEOUT", 0.5)
+    monkeypatch.setattr(workers, "TIMEOUT", 0.5)
     with dask.config.set(scheduler="sync"):
         with pytest.raises(sg.InputError, match="no Dask scheduler"), connected(None, address, None):
             pass
@@ -342,7 +342,7 @@ def test_dask_computes_as_before_where_no_scheduler_answers(address: str, monkey
 def test_clients_that_find_no_scheduler_are_closed(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """At once, not when they are freed, which may be while the next one starts: each would wait for the other."""
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(cluster, "TIMEOUT", 0.5)
+    monkeypatch.setattr(workers, "TIMEOUT", 0.5)
     made = []
     start = distributed.Client.start
     monkeypatch.setattr(distributed.Client, "start", lambda self, **how: (made.append(self), start(self, **how))[1])
@@ -365,7 +365,7 @@ def test_dask_computes_as_before_beside_workers(client: Any) -> None:
 @pytest.mark.long
 def test_a_scheduler_without_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(cluster, "TIMEOUT", 1.0)
+    monkeypatch.setattr(workers, "TIMEOUT", 1.0)
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address=":0") as empty,
         pytest.raises(sg.InputError, match=r"^tcp://.*: expected at least one worker, got none; start some with: dask"),

@@ -191,7 +191,7 @@ def main(system: str, folder: Path) -> None:
     import splatgl as sg
     from splatgl.cli import doctor
     from splatgl.cli.main import main as command
-    from splatgl.distributed import worker
+    from splatgl.distributed import workers
     from splatgl.fileio import budget
     from splatgl.gl.context import current
     from splatgl.opengl import OpenGL
@@ -232,9 +232,9 @@ def main(system: str, folder: Path) -> None:
         assert np.abs(renderer.render(splats, camera).pixels - right).max() < 1e-3
         assert handle() == other and (renderer.tiles is not None) == (system == "win32")
     assert handle() == other
-    assert worker.device_of(worker.Drawing(), 1) is None
-    assert worker.call(lambda: worker.renderer(worker.Drawing()).info.backend) == ("wgl", "cgl")[system == "darwin"]
-    worker.release()
+    assert workers.device_of(workers.Drawing(), 1) is None
+    assert workers.call(lambda: workers.renderer(workers.Drawing()).info.backend) == ("wgl", "cgl")[system == "darwin"]
+    workers.release()
     assert handle() == other
     host.release()
     assert not handle()
