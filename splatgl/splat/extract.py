@@ -22,7 +22,7 @@ from splatgl.geometry.grid import Grid
 from splatgl.splat.extract_values import extract_post, gradients
 from splatgl.splat.hidden_interior import HiddenInterior
 from splatgl.splat.kernels import kernel as kernel_named
-from splatgl.splat.label_normals import HALO, LabelNormals
+from splatgl.splat.lighting import HALO, LabelNormals
 from splatgl.splat.splats import (
     MOST_KEPT,
     NORMAL_SCALE,

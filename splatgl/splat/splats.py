@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from splatgl.data.points import Points
     from splatgl.geometry.mask_field import MaskField
     from splatgl.splat.extract import Source
-    from splatgl.splat.label_normals import LabelNormals
+    from splatgl.splat.lighting import LabelNormals
     from splatgl.splat.settings import Settings
     from splatgl.transfer.transfer import Transfer
 

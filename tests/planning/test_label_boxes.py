@@ -15,7 +15,7 @@ from splatgl.data.volume import Label
 from splatgl.planning.culling import visible_boxes
 from splatgl.reference.depth_map import depths
 from splatgl.reference.pick import pick
-from splatgl.splat import label_normals
+from splatgl.splat import lighting
 from splatgl.transfer.presets import label_transfer
 from tests.helpers.boxes import BLUE, GREEN, GRIDS, RED, TABLE, noise, splats_of
 
@@ -190,10 +190,10 @@ def ball(radius: float = 9.3, size: int = 24, spacing: tuple[float, float, float
     return sg.Volume(samples, spacing, labels=(Label(1, "", "#ffffff"), Label(2, "", "#ffffff")))
 
 
-@pytest.mark.parametrize("most", [label_normals.MOST, 5000])
+@pytest.mark.parametrize("most", [lighting.MOST_NORMALS, 5000])
 def test_a_ball_is_lit_as_a_ball(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not as bricks; the border of its two labels is not seen; by normals of every voxel, or every other."""
-    monkeypatch.setattr(label_normals, "MOST", most)
+    monkeypatch.setattr(lighting, "MOST_NORMALS", most)
     volume = ball()
     middle = volume.center
     camera = sg.Camera.orthographic(middle - (3, 40, 7), middle, (0, 0, 1), height=16, size=(48, 48))
