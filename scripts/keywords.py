@@ -15,7 +15,7 @@ from splatgl.animation.api import TIMES
 from splatgl.data.volume import ArrayOptions
 from splatgl.options import keywords_of
 from splatgl.readers.options import LoadOptions
-from splatgl.scene.groups import GROUPS, KEYWORDS
+from splatgl.scene.api import GROUPS, KEYWORDS
 from splatgl.splat.settings import Settings
 
 TARGET = Path(__file__).parents[1] / "splatgl" / "keywords.pyi"

@@ -46,13 +46,13 @@ if TYPE_CHECKING:
     from splatgl.readers.meshes import load_mesh as load_mesh
     from splatgl.reference.check import check as check
     from splatgl.reference.pick import pick as pick
+    from splatgl.scene.api import Check as Check
+    from splatgl.scene.api import Cuts as Cuts
+    from splatgl.scene.api import Light as Light
+    from splatgl.scene.api import Look as Look
+    from splatgl.scene.api import View as View
     from splatgl.scene.api import depth_map as depth_map
     from splatgl.scene.api import render as render
-    from splatgl.scene.groups import Check as Check
-    from splatgl.scene.groups import Cuts as Cuts
-    from splatgl.scene.groups import Light as Light
-    from splatgl.scene.groups import Look as Look
-    from splatgl.scene.groups import View as View
     from splatgl.splat.extract import extract as extract
     from splatgl.splat.kernels import PiecewiseCubic as PiecewiseCubic
     from splatgl.splat.kernels import register_kernel as register_kernel
@@ -74,7 +74,7 @@ if TYPE_CHECKING:
 
 # public name → module, imported on first use, so that a command imports only what it needs
 _PUBLIC = {
-    **dict.fromkeys(("Check", "Cuts", "Light", "Look", "View"), "splatgl.scene.groups"),
+    **dict.fromkeys(("Check", "Cuts", "Light", "Look", "View"), "splatgl.scene.api"),
     "Camera": "splatgl.geometry.camera",
     "Image": "splatgl.data.image",
     "InputError": "splatgl.errors",

@@ -25,7 +25,7 @@ from splatgl.errors import expected
 from splatgl.fileio import call_within
 from splatgl.geometry.camera import Camera
 from splatgl.options import declared, names_of, refuse_unknown
-from splatgl.scene.groups import TRANSFER
+from splatgl.scene.api import TRANSFER
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.settings import BLENDS, Settings

@@ -18,8 +18,7 @@ from splatgl.fileio import within
 from splatgl.opengl import OpenGL
 from splatgl.options import OptionGroup
 from splatgl.platforms import has_display
-from splatgl.scene.api import picture, scene_of
-from splatgl.scene.groups import ungrouped, with_groups
+from splatgl.scene.api import picture, scene_of, ungrouped, with_groups
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.transfer.transfer import Transfer

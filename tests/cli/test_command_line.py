@@ -22,8 +22,7 @@ from splatgl.cli.options import scene_from
 from splatgl.cli.parser import Parser
 from splatgl.errors import InputError
 from splatgl.options import MEANINGS, nearest
-from splatgl.scene.api import scene_of
-from splatgl.scene.groups import GROUPS, PLAIN
+from splatgl.scene.api import GROUPS, PLAIN, scene_of
 from splatgl.scene.scene_file import SceneFile
 
 pytestmark = pytest.mark.usefixtures("shared_programs")

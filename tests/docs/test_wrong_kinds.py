@@ -12,7 +12,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.coercion import public
-from splatgl.scene.groups import GROUPS, KEYWORDS, PLAIN
+from splatgl.scene.api import GROUPS, KEYWORDS, PLAIN
 
 BALL = sg.scenes.ball(3)
 ARROWS = sg.Volume(np.ones((4, 4, 4), np.float32), vectors=np.ones((4, 4, 4, 3), np.float32))

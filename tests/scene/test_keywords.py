@@ -17,8 +17,7 @@ from splatgl.cli.main import main
 from splatgl.data.halving import halve_volume
 from splatgl.errors import InputError
 from splatgl.options import declared, flag_name
-from splatgl.scene.api import scene_of
-from splatgl.scene.groups import PLAIN
+from splatgl.scene.api import PLAIN, scene_of
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.transfer.transfer import Transfer
