@@ -22,8 +22,7 @@ from splatgl.data.volume import Volume
 from splatgl.errors import InputError, error_prefix, expected
 from splatgl.geometry.camera import Camera, Part
 from splatgl.geometry.clipping import Box, Plane, change_planes, parse_planes
-from splatgl.geometry.slice_images import Painted, Painter
-from splatgl.geometry.slices import Slice, parse_slices
+from splatgl.geometry.slices import Painted, Painter, Slice, parse_slices
 from splatgl.planning.culling import clip_behind_eye
 from splatgl.planning.opaque_bounds import Opaque
 from splatgl.planning.plan import Plan, ResolvedLayer, plan_layer

@@ -18,8 +18,7 @@ from splatgl.options import names_of, no_effect, non_default
 from splatgl.scene.view import ViewOptions
 
 if TYPE_CHECKING:
-    from splatgl.geometry.slice_images import Painter
-    from splatgl.geometry.slices import SlicePlane
+    from splatgl.geometry.slices import Painter, SlicePlane
     from splatgl.scene.open_scene import OpenScene
     from splatgl.scene.scene_file import SceneFile
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Triple, Volume
-from splatgl.geometry.slice_images import Painted
-from splatgl.geometry.slices import Slice, SlicePlane, Where, grid_normals, parse_slices, plane_through
+from splatgl.geometry.slices import Painted, Slice, SlicePlane, Where, grid_normals, parse_slices, plane_through
 from splatgl.planning.scene import Layer, Scene
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from splatgl.geometry.slice_images import Painted, Painter
+from splatgl.geometry.slices import Painted, Painter
 from splatgl.scene.meshes import is_mesh
 from splatgl.transfer.presets import slice_colors
 

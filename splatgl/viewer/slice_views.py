@@ -15,8 +15,7 @@ from splatgl.annotations.text import label
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.geometry.camera import Camera
-from splatgl.geometry.slice_images import Painter
-from splatgl.geometry.slices import ANATOMY, SlicePlane, world_axes
+from splatgl.geometry.slices import ANATOMY, Painter, SlicePlane, world_axes
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.scene.meshes import is_mesh
 from splatgl.viewer.jobs import Jobs, Kind

@@ -12,8 +12,7 @@ import splatgl as sg
 from splatgl.errors import InputError
 from splatgl.geometry.grid import Grid
 from splatgl.geometry.resample import Raster, sample_places, sample_raster
-from splatgl.geometry.slice_images import Painted, Painter
-from splatgl.geometry.slices import SlicePlane, parse_slices
+from splatgl.geometry.slices import Painted, Painter, SlicePlane, parse_slices
 from tests.helpers.noise import GRIDS
 
 SLOPE = np.array([0.7, -1.3, 2.1])

@@ -16,7 +16,7 @@ import splatgl as sg
 from splatgl import reference
 from splatgl.cli.main import main
 from splatgl.errors import InputError
-from splatgl.geometry.slice_images import Painted
+from splatgl.geometry.slices import Painted
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.slice_pixels import layer_painter
 from tests.helpers.meshes import PLAIN, RED, block, cloud, knots

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.geometry.slice_images import Painted
-from splatgl.geometry.slices import parse_slices
+from splatgl.geometry.slices import Painted, parse_slices
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
 from splatgl.viewer.oblique import STRAIGHT, middle, normals, planes, slices_of, texts, turned

@@ -13,7 +13,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.data.volume import Label
 from splatgl.errors import InputError
-from splatgl.geometry.slice_images import Painted
+from splatgl.geometry.slices import Painted
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import describe_pick, under_cursor

@@ -14,8 +14,7 @@ import pytest
 import splatgl as sg
 from splatgl.annotations.axes import letters
 from splatgl.data.color import srgb_from_linear
-from splatgl.geometry.slice_images import Painted, Painter
-from splatgl.geometry.slices import world_axes
+from splatgl.geometry.slices import Painted, Painter, world_axes
 from splatgl.gl.screen import Stroke
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
@@ -427,7 +426,7 @@ def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypat
         asked.append(given)
         raise KeyError("chunk")
 
-    monkeypatch.setattr("splatgl.geometry.slice_images.sample_raster", plane)
+    monkeypatch.setattr("splatgl.geometry.slices.sample_raster", plane)
     for _ in range(8):
         marks = tool.marks(state, document, view)
         assert tool.jobs.wait(300.0)
