@@ -18,8 +18,7 @@ from splatgl.geometry.clipping import MOST_CLIPS
 from splatgl.gl.uniforms import base_of
 from splatgl.planning.plan import Plan, Program
 from splatgl.splat.splats import Splats
-from splatgl.transfer.iso import MOST_ISO
-from splatgl.transfer.regions import MOST_REGIONS
+from splatgl.transfer.regions import MOST_ISO, MOST_REGIONS
 
 Uniforms = dict[str, object]
 # stands for no limit of values or gradients in float32

@@ -22,7 +22,7 @@ from splatgl.errors import expected
 from splatgl.geometry import clipping, mask_field
 from splatgl.planning import clusters, culling, technique
 from splatgl.splat import footprint, motion, motion_blur, sheets, splats
-from splatgl.transfer import colormaps, iso, preintegration, regions
+from splatgl.transfer import colormaps, preintegration, regions
 
 # a file; or a file for any of the switches on, and its twin without effect for all of them off
 INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"(?: if (\w+(?: or \w+)*) else "([^"]+)")?\s*$')
@@ -246,7 +246,7 @@ _SAME: tuple[tuple[ModuleType, *tuple[str, ...]], ...] = (
     (colormaps, "KNOWN"),
     (culling, "HALF_LINE_REACH", "HAS_PLACE", "PIXEL_MARGIN"),
     (footprint, "FIRST_ORDER", "GRAZING", "LARGEST_DEPTH", "ONSET", "RIM_GROWTH", "RIM_START"),
-    (iso, "MOST_ISO", "THIN"),
+    (regions, "MOST_ISO", "THIN"),
     (motion, "AHEAD", "FAR", "NEAREST"),
     (motion_blur, "DENSE", "DENSEST", "LEAST", "SHORT"),
     (preintegration, "CELLS", "WEIGHTS"),

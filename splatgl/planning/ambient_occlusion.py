@@ -23,8 +23,8 @@ import numpy as np
 from splatgl.geometry.clipping import Clip, Plane
 from splatgl.geometry.grid import Grid, corners_of, trilinear
 from splatgl.splat.splats import Same, Splats, in_parts
-from splatgl.transfer.iso import crossed_depth
 from splatgl.transfer.preintegration import CELLS
+from splatgl.transfer.regions import crossed_depth
 
 # maximum number of cells along the longest side, and empty cells around the box
 MOST_CELLS, MARGIN = 112, 2

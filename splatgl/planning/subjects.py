@@ -20,7 +20,7 @@ from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.transfer.presets import default_transfer, preset
 from splatgl.transfer.transfer import Transfer
-from splatgl.transfer.transfer_files import SUFFIXES, load_transfer
+from splatgl.transfer.transfer_nodes import SUFFIXES, load_transfer
 
 Others = Mapping[str, Any]
 

@@ -13,9 +13,8 @@ from splatgl.reference.sheets import weight_extinction
 from splatgl.splat.kernels import BOX, Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.splats import Splats
-from splatgl.transfer.iso import crossed_depth
 from splatgl.transfer.preintegration import ClassIntegral, ValueClassifier
-from splatgl.transfer.regions import mean_matter
+from splatgl.transfer.regions import crossed_depth, mean_matter
 
 # points whose sums stay in the cache
 POINTS = 1 << 13

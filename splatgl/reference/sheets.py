@@ -33,8 +33,8 @@ from splatgl.splat.sheets import (
     layer_wave,
 )
 from splatgl.splat.splats import Splats
-from splatgl.transfer.iso import THIN, spline_crossings
 from splatgl.transfer.preintegration import ValueClassifier
+from splatgl.transfer.regions import THIN, spline_crossings
 
 # opacity behind which the remaining light is less than rounding
 OPAQUE = 1 - 1e-15

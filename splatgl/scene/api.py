@@ -42,7 +42,7 @@ from splatgl.scene.transfer_choice import TransferChoice
 from splatgl.scene.view import AZIMUTH, ELEVATION, ViewOptions
 from splatgl.splat.settings import Settings
 from splatgl.transfer.transfer import EXTENT, Transfer
-from splatgl.transfer.transfer_files import SUFFIXES
+from splatgl.transfer.transfer_nodes import SUFFIXES
 
 if TYPE_CHECKING:
     from splatgl.geometry.camera import Camera

@@ -15,14 +15,12 @@ from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.options import Group, Kind, checked, declared, no_effect, option
 from splatgl.transfer.colormaps import base_name
-from splatgl.transfer.iso import check_iso
 from splatgl.transfer.label_detection import AMOUNTS, LABELS
 from splatgl.transfer.presets import default_transfer, preset, window_question
-from splatgl.transfer.regions import check_regions, move_image
+from splatgl.transfer.regions import check_iso, check_regions, move_image
 from splatgl.transfer.statistics import statistics
 from splatgl.transfer.transfer import Transfer
-from splatgl.transfer.transfer_files import load_transfer
-from splatgl.transfer.transfer_nodes import color_map, curve_of, read_color_points
+from splatgl.transfer.transfer_nodes import color_map, curve_of, load_transfer, read_color_points
 
 if TYPE_CHECKING:
     from splatgl.scene.scene_file import SceneFile

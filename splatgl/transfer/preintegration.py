@@ -13,8 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from splatgl.data.fills import distinct
-from splatgl.transfer.iso import ABOVE
-from splatgl.transfer.regions import OPAQUE, mean_matter
+from splatgl.transfer.regions import ABOVE, OPAQUE, mean_matter
 from splatgl.transfer.transfer import Transfer
 
 # largest value of a running integral in whole numbers: differences fit into 32 bits with a sign

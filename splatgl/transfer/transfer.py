@@ -36,8 +36,16 @@ from splatgl.transfer.colormaps import (
     label_color,
     label_opacity,
 )
-from splatgl.transfer.iso import FORM, check_iso, read_iso
-from splatgl.transfer.regions import REGION_FORM, Region, check_regions, extinction_of, matter_at
+from splatgl.transfer.regions import (
+    FORM,
+    REGION_FORM,
+    Region,
+    check_iso,
+    check_regions,
+    extinction_of,
+    matter_at,
+    read_iso,
+)
 
 # sequences of pairs, stored as tuples
 Nodes = Sequence[Sequence[float]]

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from splatgl.data.color import linear_from_srgb, srgb_of_name
 from splatgl.data.volume import Volume
-from splatgl.transfer.iso import MOST_ISO, Iso
 from splatgl.transfer.presets import SURFACE
+from splatgl.transfer.regions import MOST_ISO, Iso
 from splatgl.transfer.statistics import Statistics, statistics
 from splatgl.transfer.transfer import Nodes, Transfer
 from splatgl.transfer.transfer_nodes import SHAPES, shape_nodes, shape_of

@@ -18,7 +18,7 @@ from splatgl.planning import bricks
 from splatgl.reference.depth_map import depths
 from splatgl.reference.field import field_integral
 from splatgl.reference.pick import pick
-from splatgl.transfer.iso import spline_crossings
+from splatgl.transfer.regions import spline_crossings
 from tests.helpers.memory import allow_any_memory
 
 pytestmark = pytest.mark.usefixtures("shared_programs")

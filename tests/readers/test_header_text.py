@@ -15,7 +15,7 @@ from splatgl.data.times import seconds_in
 from splatgl.fileio import decode_text, load_table
 from splatgl.geometry.clipping import world_units
 from splatgl.readers.dicom_headers import plain_text
-from splatgl.transfer.transfer_files import load_transfer
+from splatgl.transfer.transfer_nodes import load_transfer
 from splatgl.writers import save
 
 SAMPLES = np.arange(120, dtype="<i2")

@@ -11,9 +11,8 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.scene.scene_file import SceneFile
-from splatgl.transfer.far_values import Far
 from splatgl.transfer.presets import PRESETS, preset
-from splatgl.transfer.statistics import far_of, without_far_values
+from splatgl.transfer.statistics import Far, far_of, without_far_values
 from splatgl.viewer.document import Document
 from splatgl.viewer.thumbnails import reduce_volume
 
@@ -161,7 +160,7 @@ def test_thumbnails_leave_them_out() -> None:
 
 
 def test_large_samples_are_read_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("splatgl.transfer.far_values.MOST_SCANNED", 1000)
+    monkeypatch.setattr("splatgl.transfer.statistics.MOST_SCANNED", 1000)
     bad = scattered(np.where(OUTSIDE, -32768, head()).astype(np.int16), 0.002, 30000)
     image = sg.render(bad, size=(32, 32))
     assert len([note for note in image.notes if "left out" in note]) == 2

@@ -15,7 +15,7 @@ import splatgl as sg
 from splatgl.reference.field import field_integral, kept_field_integral
 from splatgl.splat.settings import Technique
 from splatgl.transfer.regions import GAUSS_ERROR, SHAPES, Region, extinction_of, matter_at
-from splatgl.transfer.transfer_files import load_transfer
+from splatgl.transfer.transfer_nodes import load_transfer
 from tests.helpers.bricks import noise
 from tests.helpers.marcher import Field
 from tests.helpers.noise import GRIDS, close_up, inside, views
