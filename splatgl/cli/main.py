@@ -274,9 +274,13 @@ COMMANDS = {
     "compare": Command("compare pictures or folders, and describe changes", "compare", "ACTUAL EXPECTED"),
     "info": Command("describe a volume file", "info:add_info_parser", "SOURCE"),
     "presets": Command("list transfer functions, or draw a volume with each", "presets", "[SOURCE]"),
-    "convert": Command("write a volume in another format", "convert", "SOURCE OUT"),
-    "surface": Command("write the surface at a value as a mesh", "surface", "SOURCE --iso VALUE -o OUT.stl"),
-    "pyramid": Command("write a classified volume with coarser levels", "pyramid", "SOURCE -o DIR.zarr"),
+    "convert": Command("write a volume in another format", "export:add_convert_parser", "SOURCE OUT"),
+    "surface": Command(
+        "write the surface at a value as a mesh", "export:add_surface_parser", "SOURCE --iso VALUE -o OUT.stl"
+    ),
+    "pyramid": Command(
+        "write a classified volume with coarser levels", "export:add_pyramid_parser", "SOURCE -o DIR.zarr"
+    ),
     "pick": Command("print the value and position under a pixel", "pick", "SOURCE X,Y"),
     "doctor": Command("describe and check the OpenGL of this machine", "info:add_doctor_parser"),
     "report": Command("measure error against run time of every method", "report", "[SOURCE…]"),

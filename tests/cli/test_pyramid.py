@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.cli import pyramid
+from splatgl.cli import export
+from splatgl.cli.export import classified, halved, write
 from splatgl.cli.main import main
-from splatgl.cli.pyramid import classified, halved, write
 from splatgl.gl.large_volumes import choose_level
 from splatgl.splat.settings import Settings
 from splatgl.writers import formats
@@ -135,7 +135,7 @@ def test_the_command(tmp_path: Path, monkeypatch: Any, capsys: Any, threads: sg.
         error = capsys.readouterr().err
         assert said in error and error.count("\n") == 1
     # half of one is not left behind
-    monkeypatch.setattr(pyramid, "halved", lambda *_: 1 / 0)
+    monkeypatch.setattr(export, "halved", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         main([*asked, "q.zarr"])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["p.zarr", "t.npy", "x.png"]

@@ -65,10 +65,8 @@ LOADING = {
     *(".placed", ".masked", ".transfer_for"),
 }
 LOADS = {
-    "cli/convert.py": "files for files",
+    "cli/export.py": "files for files; levels for a store; meshes for files",
     "cli/doctor.py": "headers, and scenes to try a renderer",
-    "cli/pyramid.py": "levels for a store",
-    "cli/surface.py": "meshes for files",
     "distributed/render.py": "parts of a volume on workers",
     "gl/large_volumes.py": "parts of a volume, one after the other",
     "integrations/napari/reader.py": "layers of napari, which it places",
@@ -84,7 +82,6 @@ SHORT_FILES = {
     "__main__.py": "python -m splatgl",
     "cli/animate.py": "cli/main.py: COMMANDS",
     "cli/info.py": "cli/main.py: COMMANDS",
-    "cli/surface.py": "cli/main.py: COMMANDS",
     "reference/ewa.py": "a splat of another method, beside the rows of Table 1",
     "distributed/worker_preload.py": "Dask's option preload",
 }

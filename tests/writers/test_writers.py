@@ -402,7 +402,7 @@ def test_crops(tmp_path: Path, rng: np.random.Generator, capsys: Said) -> None:
     assert main(["convert", str(tmp_path / "a.zarr"), str(tmp_path / "c.zarr"), "--crop", "9:,:,:"]) == 2
     # a level in parts, read through the window
     window = sg.Volume(Watched(np.arange(210).reshape(5, 6, 7)))
-    from splatgl.cli.convert import crop_volume
+    from splatgl.cli.export import crop_volume
 
     cut = crop_volume(window, "1:6,2:5,:3")
     assert np.array_equal(cut.samples[1:3, 0, ::2], window.samples.samples[:3, 2:5, 1:6][1:3, 0, ::2])
