@@ -239,7 +239,7 @@ class Scene:
         camera: None: from the front, right and above. options: of the plotter, such as off_screen. Raises InputError
         for blends that VTK does not have, and without PyVista.
         """
-        from splatgl.integrations.vtk.pyvista import plotter_of
+        from splatgl.integrations.vtk.scene import plotter_of
 
         return plotter_of(self, camera, settings, options)
 
