@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.annotations.axes import letters
 from splatgl.annotations.canvas import AnnotationView, Canvas, Scale, Subject
+from splatgl.annotations.world_lines import letters
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected

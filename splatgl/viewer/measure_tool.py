@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatgl.annotations.canvas import Measure, Subject
-from splatgl.annotations.measures import measure_text
+from splatgl.annotations.world_lines import measure_text
 from splatgl.errors import InputError
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.clipping import Clip, Plane

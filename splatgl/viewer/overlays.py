@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.annotations.annotate import LEAST_SIDE, with_time
+from splatgl.annotations.annotate import LEAST_SIDE, LiveOverlay, with_time
 from splatgl.annotations.canvas import BLACK, WHITE, Measure, Scale, Subject
-from splatgl.annotations.live import LiveOverlay
 from splatgl.annotations.text import label, place_label
 from splatgl.data.color import Color
 from splatgl.data.mesh import Mesh

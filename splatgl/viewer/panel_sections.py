@@ -12,8 +12,8 @@ from imgui_bundle import imgui
 
 from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.annotations.canvas import Subject
-from splatgl.annotations.measures import measure_text
 from splatgl.annotations.text import legible, plain
+from splatgl.annotations.world_lines import measure_text
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.volume import Volume
 from splatgl.geometry.clipping import Plane

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.annotations.axes import letters
 from splatgl.annotations.canvas import clip_segments
 from splatgl.annotations.text import label
+from splatgl.annotations.world_lines import letters
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.geometry.camera import Camera

@@ -12,14 +12,11 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.annotations import bounding_box
-from splatgl.annotations.annotate import ANNOTATIONS, annotated, compose, default_names, parse_annotations
-from splatgl.annotations.axes import COLORS, LONG, letters
+from splatgl.annotations import world_lines
+from splatgl.annotations.annotate import ANNOTATIONS, LiveOverlay, annotated, compose, default_names, parse_annotations
+from splatgl.annotations.bars import _shorten, length_text, log_ticks, of_values, scale_of, ticks
 from splatgl.annotations.canvas import WHITE, AnnotationView, Canvas, Measure, Subject
-from splatgl.annotations.color_bar import _shorten, of_values
-from splatgl.annotations.live import LiveOverlay
-from splatgl.annotations.measures import measure_text
-from splatgl.annotations.scale_bar import length_text, log_ticks, scale_of, ticks
+from splatgl.annotations.world_lines import COLORS, LONG, letters, measure_text
 from splatgl.cli.main import main
 from splatgl.data.affine import Coordinate, make_lattice
 from splatgl.data.halving import halve_volume
@@ -166,9 +163,9 @@ def test_edges_are_drawn_where_corners_are(volume: sg.Volume) -> None:
     """Lines pass the middles of pixels along each edge that is not hidden; a fifth of a pixel beside, they are not."""
     for camera in cameras(volume):
         layer = Canvas(np.zeros((500, 600, 4), np.float32), WHITE)
-        bounding_box.draw_edges(layer, AnnotationView(Subject.of(volume), TRANSFER, camera))
+        world_lines.draw_edges(layer, AnnotationView(Subject.of(volume), TRANSFER, camera))
         light = layer.pixels[..., 0]
-        every = bounding_box.edges(volume.corners, camera)
+        every = world_lines.edges(volume.corners, camera)
         assert len(every) == 12 and sum(each.hidden for each in every) in (3, 5)
         for edge in every:
             a, b = at(volume.corners[list(edge.corners)], camera)
@@ -185,7 +182,7 @@ def test_hidden_edges_are_behind_and_outer_ones_on_the_outline(volume: sg.Volume
     """A corner is behind the box if the ray to it enters the box before; outer edges have the box on one side."""
     for camera in cameras(volume):
         seen = at(volume.corners, camera)
-        for edge in bounding_box.edges(volume.corners, camera):
+        for edge in world_lines.edges(volume.corners, camera):
             a, b = seen[list(edge.corners)]
             across = np.array([a[1] - b[1], b[0] - a[0]])
             sides = (seen - a) @ across
@@ -205,13 +202,13 @@ def test_hidden_edges_are_behind_and_outer_ones_on_the_outline(volume: sg.Volume
 def test_ticks_are_where_their_numbers_say(volume: sg.Volume) -> None:
     """World coordinates along world axes, lengths from the first corner along others; drawn at the projected point."""
     for camera in cameras(volume):
-        subject, every = Subject.of(volume), bounding_box.edges(volume.corners, camera)
+        subject, every = Subject.of(volume), world_lines.edges(volume.corners, camera)
         layer = Canvas(np.zeros((500, 600, 4), np.float32), WHITE)
-        bounding_box.draw_edges(layer, AnnotationView(subject, TRANSFER, camera))
-        chosen = bounding_box.select_numbered_edges(every, subject, camera)
+        world_lines.draw_edges(layer, AnnotationView(subject, TRANSFER, camera))
+        chosen = world_lines.select_numbered_edges(every, subject, camera)
         assert [each.axis for each in chosen] == [0, 1, 2]
         for edge in chosen:
-            places, texts, name = bounding_box.marks(subject, edge, camera, layer.em)
+            places, texts, name = world_lines.marks(subject, edge, camera, layer.em)
             numbers = [float(text) for text in texts]
             first, second = volume.corners[list(edge.corners)]
             assert len(numbers) >= 2 and name.endswith(", mm")
@@ -223,8 +220,8 @@ def test_ticks_are_where_their_numbers_say(volume: sg.Volume) -> None:
                 assert np.allclose(np.cross(places - first, second - first), 0, atol=1e-8)
             else:
                 assert np.allclose(np.linalg.norm(places - first, axis=1), numbers)
-            out = bounding_box.outward_direction(edge, subject, camera)
-            tips = np.floor(at(places, camera) + out * bounding_box.TICK * layer.em * 0.8).astype(int)
+            out = world_lines.outward_direction(edge, subject, camera)
+            tips = np.floor(at(places, camera) + out * world_lines.TICK * layer.em * 0.8).astype(int)
             assert layer.pixels[tips[:, 1], tips[:, 0], 0].min() > 0.25
 
 
@@ -236,7 +233,7 @@ def test_lines_behind_are_weakened_by_the_picture() -> None:
         pixels = np.zeros((400, 400, 4), np.float32)
         pixels[..., 3] = alpha
         lights.append(sg.annotated(sg.Image(pixels, {}), OBLONG, TRANSFER, camera, ["box"], (0, 0, 0)).pixels[..., 0])
-    hidden = next(each for each in bounding_box.edges(OBLONG.corners, camera) if each.hidden)
+    hidden = next(each for each in world_lines.edges(OBLONG.corners, camera) if each.hidden)
     a, b = at(OBLONG.corners[list(hidden.corners)], camera)
     x, y = np.floor(a + (b - a) * np.linspace(0.2, 0.8, 99)[:, None]).astype(int).T
     plain, half, none = (light[y, x] for light in lights)
@@ -299,7 +296,7 @@ def test_an_eye_within_the_box_is_told() -> None:
     layer = Canvas(np.zeros((200, 200, 4), np.float32), WHITE)
     view = AnnotationView(Subject.of(OBLONG), TRANSFER, camera)
     compose(layer, view, ["box"])
-    bounding_box.draw_behind(layer, view)
+    world_lines.draw_behind(layer, view)
     assert layer.notes == ["no numbers of the box: the eye is in it"] and layer.pixels.any()
     assert np.isfinite(layer.pixels).all()
 
@@ -539,9 +536,9 @@ def test_numbers_of_scaled_axes_are_the_files(name: str) -> None:
     """They are those of its own axis, where they lie along it; coarser grids and channels have them, too."""
     volume, (_, _, ends, title) = over_degrees(name), VERTICALS[name]
     subject, camera = Subject.of(volume), sg.Camera.orbit(volume, 30, 20, size=(400, 400))
-    chosen = bounding_box.select_numbered_edges(bounding_box.edges(subject.corners, camera), subject, camera)
+    chosen = world_lines.select_numbered_edges(world_lines.edges(subject.corners, camera), subject, camera)
     for edge, heading in zip(chosen, ("lon, °", "lat, °", title), strict=True):
-        places, texts, shown = bounding_box.marks(subject, edge, camera, 12)
+        places, texts, shown = world_lines.marks(subject, edge, camera, 12)
         assert shown == heading and len(texts) >= 2
         axis = ["lon", "lat"].index(heading[:3]) if heading[0] == "l" and heading[1] != "e" else 2
         numbers, along = np.array(texts, float), places[:, axis]

@@ -17,8 +17,8 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.annotations.annotate import annotated
+from splatgl.annotations.bars import length_text
 from splatgl.annotations.canvas import WHITE, Canvas, readable, text_size
-from splatgl.annotations.scale_bar import length_text
 from splatgl.data.figure import Page, PatchMark
 from splatgl.data.image import Image
 

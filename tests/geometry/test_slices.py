@@ -126,7 +126,7 @@ def test_volumes_that_are_read_in_parts_are_the_same(monkeypatch: pytest.MonkeyP
 )
 def test_slices_of_patients_are_drawn_as_radiologists_do(frame: str, text: str, right: str, down: str) -> None:
     """Whatever the order and the signs of the grid's axes."""
-    from splatgl.annotations.axes import letters
+    from splatgl.annotations.world_lines import letters
 
     for order in ((0, 1, 2), (2, 0, 1)):
         direction = np.eye(3)[:, order] * [1, -1, -1]

@@ -10,7 +10,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.animation.camera_track import Swept, turning
-from splatgl.annotations.axes import letters
+from splatgl.annotations.world_lines import letters
 from splatgl.planning.opaque_bounds import Opaque
 from splatgl.scene.view import ViewOptions
 

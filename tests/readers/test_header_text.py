@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.annotations.scale_bar import length_text
+from splatgl.annotations.bars import length_text
 from splatgl.data.affine import metres_in, unit_name
 from splatgl.data.times import seconds_in
 from splatgl.fileio import decode_text, load_table

@@ -11,8 +11,8 @@ import pytest
 
 import splatgl as sg
 from splatgl import reference
+from splatgl.annotations.bars import _bars
 from splatgl.annotations.canvas import BLACK, AnnotationView, Canvas, Scale
-from splatgl.annotations.color_bar import _bars
 from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.geometry.clipping import check_planes

@@ -10,8 +10,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.annotations.canvas import Subject
-from splatgl.annotations.measures import measure_text
 from splatgl.annotations.text import label, place_label
+from splatgl.annotations.world_lines import measure_text
 from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
 from splatgl.errors import InputError

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.annotations.axes import letters
+from splatgl.annotations.world_lines import letters
 from splatgl.data.color import srgb_from_linear
 from splatgl.geometry.slices import Painted, Painter, world_axes
 from splatgl.gl.screen import Stroke
