@@ -17,8 +17,7 @@ from splatgl.annotations.canvas import BLACK, Annotation, AnnotationView, Canvas
 from splatgl.coercion import public
 from splatgl.data.color import Color, srgb_from_linear
 from splatgl.data.figure import Figure
-from splatgl.data.image import Image
-from splatgl.data.image_files import density
+from splatgl.data.image import Image, density
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera

@@ -10,10 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.cli.options import name_of
-from splatgl.data.accuracy import aliasing_note
 from splatgl.data.color import srgb_from_linear
-from splatgl.data.image import MAPS, SAVED, Image
-from splatgl.data.image_files import JPEG, require_library
+from splatgl.data.image import JPEG, MAPS, SAVED, Image, aliasing_note, require_library
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.cli.options import add_backend, add_source, add_view, record_of, scene_from
-from splatgl.data.halving import subsample
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Volume, subsample
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
 from splatgl.scene.open_scene import OpenScene, print_notes, with_background

@@ -19,8 +19,7 @@ from PIL.Image import DecompressionBombError
 from PIL.Image import Image as PillowImage
 
 from splatgl.data.color_management import displayed_samples
-from splatgl.data.image import PNG_SIGNATURE, Image
-from splatgl.data.image_files import EXR, TIFF, load_tiff
+from splatgl.data.image import EXR, PNG_SIGNATURE, TIFF, Image, load_tiff
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_file
 

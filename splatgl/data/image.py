@@ -1,4 +1,4 @@
-"""`Image`: linear premultiplied float32 pixels, and PNG and NPY files with provenance."""
+"""`Image`: linear premultiplied float32 pixels, their accuracy, and files of them with provenance."""
 
 from __future__ import annotations
 
@@ -6,38 +6,222 @@ import io
 import json
 import struct
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from math import ceil, floor, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from splatgl.coercion import public
-from splatgl.data.accuracy import Accuracy
 from splatgl.data.color import linear_from_srgb, srgb_bytes, srgb_from_linear
-from splatgl.data.figure import VECTOR, Figure
-from splatgl.data.image_files import (
-    EXR,
-    JPEG,
-    KEYWORD,
-    TIFF,
-    density,
-    encode_exr,
-    encode_jpeg,
-    encode_tiff,
-    load_exr,
-    load_tiff,
-    provenance,
-    reproducible,
-    require_library,
-)
-from splatgl.errors import InputError, expected, import_extra
+from splatgl.data.figure import VECTOR, Figure, vector_library
+from splatgl.errors import InputError, expected, import_extra, one_line
 from splatgl.fileio import require_file, require_memory, write_file
 
 if TYPE_CHECKING:
     from splatgl.geometry.camera import Camera
+
+
+def aliasing_note(info: Mapping[str, object]) -> str:
+    """A clause on the error of a picture whose voxels are narrower than its samples, by its provenance, as the
+    reference takes the same samples; "" for others.
+    """
+    return "; aliasing is not counted" if info.get("aliased") is True else ""
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Error of a picture against the float64 reference of the same splats, linear premultiplied light.
+
+    error_bound: largest error of any channel of any pixel. tolerance: the allowed one. tolerance_met: whether the bound
+    is within it. checked: as `sg.check` stores it, of pixels that were drawn in float64. Each is None where it is not
+    known. brightest: largest component of a picture of sums, to which its errors are relative. level: of the volume.
+    note: of `aliasing_note`.
+    """
+
+    error_bound: float | None
+    tolerance: float | None
+    tolerance_met: bool | None
+    checked: Mapping[str, Any] | None = None
+    brightest: float | None = None
+    level: int = 0
+    note: str = ""
+
+    def __str__(self) -> str:
+        """The bound and the tolerance, and a line of each comparison."""
+        if self.tolerance is None:
+            return "its error is not known"
+        known = "no error bound" if self.error_bound is None else f"error bound {self.error_bound:.3g}"
+        met = {None: "not known to be met", False: "not met", True: "met"}[self.tolerance_met]
+        return "\n".join([f"{known}: the tolerance {self.tolerance:.3g} is {met}{self.note}", *self.comparisons])
+
+    @property
+    def comparisons(self) -> tuple[str, ...]:
+        """Text on the errors of compared pixels, to the reference and to the field."""
+        if self.checked is None:
+            return ()
+        relative = "" if self.brightest is None else f" of {self.brightest:.3g}"
+        checked = self.checked
+        text = guarantee(checked, relative)
+        text += f": {'all ' * (checked['confidence'] == 1)}{checked['pixels']} drawn in float64"
+        if self.level:
+            text += f", of level {self.level}'s voxels"
+        text += f"; RMSE {checked['rmse']:.2g}, worst at {checked['worst'][0]}, {checked['worst'][1]}"
+        field = checked.get("field")
+        if field is None:
+            return (text,)
+        field_text = f"off the field itself by up to {field['largest']:.2g}{relative}, RMSE {field['rmse']:.2g}"
+        return text, f"{field_text}, in {field['pixels']} of these pixels"
+
+
+def guarantee(checked: Mapping[str, Any], relative: str = "") -> str:
+    """The statement that follows from a comparison with float64. relative: to what, of sums."""
+    most = f"{_round_up(checked['largest'])}{relative}"
+    if checked["confidence"] == 1:
+        return f"no pixel is off by more than {most}"
+    above = checked["share_above_tolerance"]
+    text = f"with {100 * checked['confidence']:.0f} % confidence at most {_round_up(100 * checked['share'])} % of the "
+    text += f"pixels are off by more than {most}"
+    return text if above <= checked["share"] else f"{text}, {_round_up(100 * above)} % by more than the tolerance"
+
+
+def _round_up(number: float) -> str:
+    """Two digits of a number, rounded up."""
+    if number <= 0:
+        return "0"
+    step = 10.0 ** (floor(log10(number)) - 1)
+    return f"{ceil(round(number / step, 9)) * step:.2g}"
+
+
+# the EXR attribute that holds the provenance as JSON; in TIFF it is the ImageDescription
+KEYWORD = "splatgl"
+TIFF, EXR, JPEG = (".tif", ".tiff"), (".exr",), (".jpg", ".jpeg")
+QUALITY = 95
+
+Info = Mapping[str, object]
+
+
+def require_library(suffix: str) -> None:
+    """Raises InputError, before any work, if the library of a suffix is missing."""
+    if suffix in TIFF:
+        tiff_library()
+    elif suffix in EXR:
+        exr_library()
+    elif suffix in VECTOR:
+        vector_library()
+
+
+def density(info: Info) -> float | None:
+    """The dots per inch that the provenance states."""
+    dpi = info.get("dpi")
+    return float(dpi) if isinstance(dpi, int | float) else None
+
+
+def reproducible(info: Info) -> dict[str, object]:
+    """The provenance as files hold it, equal in all runs: without times, and without the comparison of as many pixels
+    as a time allows.
+    """
+    kept = {name: value for name, value in info.items() if name != "seconds"}
+    for name, value in kept.items():
+        if isinstance(value, dict) and "seconds" in value:
+            kept[name] = "of as many pixels as a time allows: not stored" if name == "checked" else reproducible(value)
+    return kept
+
+
+def encode_tiff(pixels: np.ndarray, info: Info) -> bytes:
+    """float32 [H, W], or RGBA [H, W, 4] with associated alpha, deflated; the provenance is the ImageDescription."""
+    buffer, description = io.BytesIO(), json.dumps(dict(info), ensure_ascii=True)
+    kind: dict[str, Any] = {"photometric": "rgb", "extrasamples": ["assocalpha"]} if pixels.ndim == 3 else {}
+    kind |= {"resolution": (dpi, dpi), "resolutionunit": "INCH"} if (dpi := density(info)) else {}
+    values = pixels.astype(np.float32)
+    tiff_library().imwrite(buffer, values, compression="zlib", description=description, metadata=None, **kind)
+    return buffer.getvalue()
+
+
+def encode_exr(pixels: np.ndarray, info: Info) -> bytes:
+    """float32 [H, W] as channel Z, or RGBA [H, W, 4], linear and premultiplied, compressed without loss."""
+    library, text, buffer = exr_library(), json.dumps(dict(info), ensure_ascii=True), io.BytesIO()
+    header = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage, KEYWORD: text}
+    channels = {"RGBA" if pixels.ndim == 3 else "Z": np.ascontiguousarray(pixels, np.float32)}
+    library.File(header, channels).write(buffer)
+    return buffer.getvalue()
+
+
+def encode_jpeg(samples: np.ndarray, info: Info) -> bytes:
+    """JPEG of opaque sRGB samples, uint8 [H, W, 4]; the provenance is the comment."""
+    from PIL import Image as Pillow
+
+    buffer = io.BytesIO()
+    about: dict[str, Any] = {"comment": json.dumps(dict(info), ensure_ascii=True)}
+    about |= {"dpi": (dpi, dpi)} if (dpi := density(info)) else {}
+    try:
+        Pillow.fromarray(samples[..., :3]).save(buffer, "JPEG", quality=QUALITY, subsampling=0, **about)
+    except OSError as error:
+        height, width, _ = samples.shape
+        raise expected("JPEG", "at most 65500 pixels a side", f"{width}×{height}", "save as .png") from error
+    return buffer.getvalue()
+
+
+def load_tiff(source: Path) -> tuple[np.ndarray, dict[str, object]] | None:
+    """Pixels float32 [H, W, 4] and provenance of a TIFF of splatgl, with associated alpha; None for other files, and
+    without tifffile.
+    """
+    try:
+        library = tiff_library()
+    except InputError:
+        return None
+    with _picture_errors(source), library.TiffFile(source) as tiff:
+        page = tiff.pages[0]
+        is_rgba = page.dtype == np.float32 and page.shape[2:] == (4,) and tuple(page.extrasamples) == (1,)
+        return (page.asarray(), provenance(page.description)) if is_rgba else None
+
+
+def load_exr(source: Path) -> tuple[np.ndarray, dict[str, object]]:
+    """Pixels float32 [H, W, 4] and the provenance of an EXR with the channels RGB or RGBA."""
+    library = exr_library()
+    with _picture_errors(source):
+        part = library.File(str(source)).parts[0]
+        channels = {name: channel.pixels for name, channel in part.channels.items()}
+        text = str(part.header.get(KEYWORD, ""))
+    if "RGBA" not in channels and "RGB" not in channels:
+        raise expected(source, "the channels RGBA or RGB", ", ".join(channels) or "none")
+    pixels = np.asarray(channels.get("RGBA", channels.get("RGB")), np.float32)
+    if pixels.shape[2] == 3:
+        pixels = np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1)
+    return pixels, provenance(text)
+
+
+@contextmanager
+def _picture_errors(source: Path) -> Iterator[None]:
+    """Converts any exception of a library into InputError."""
+    try:
+        yield
+    except Exception as error:
+        raise InputError(f"{source}: cannot be read as a picture: {one_line(error)}") from error
+
+
+def provenance(text: str) -> dict[str, object]:
+    """The provenance in JSON text; empty for other text."""
+    try:
+        table = json.loads(text or "{}")
+    except ValueError:
+        return {}
+    return table if isinstance(table, dict) else {}
+
+
+def tiff_library() -> Any:
+    """tifffile. Raises InputError if it is missing."""
+    return import_extra("tifffile", "TIFF pictures", "tifffile", "readers")
+
+
+def exr_library() -> Any:
+    """OpenEXR. Raises InputError if it is missing."""
+    return import_extra("OpenEXR", "EXR pictures", "OpenEXR", "exr")
+
 
 # endings of the files that `Image.save` writes
 SAVED = (".png", ".npy", *JPEG, *TIFF, *EXR, *VECTOR)

@@ -14,10 +14,9 @@ import numpy as np
 
 from splatgl.coercion import public
 from splatgl.data.affine import METRES, World
-from splatgl.data.caps import cap_meshes
 from splatgl.data.color import CHANNEL_COLORS, color_of_dye
 from splatgl.data.mask import parse_mask
-from splatgl.data.mesh import OF_VOLUME, Mesh
+from splatgl.data.mesh import OF_VOLUME, Mesh, cap_meshes
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, error_prefix, expected
 from splatgl.geometry.camera import Camera, Part

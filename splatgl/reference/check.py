@@ -22,9 +22,8 @@ from zlib import crc32
 import numpy as np
 
 from splatgl.coercion import public
-from splatgl.data.accuracy import Accuracy, aliasing_note
 from splatgl.data.color import light_of_display, srgb_from_linear
-from splatgl.data.image import Image
+from splatgl.data.image import Accuracy, Image, aliasing_note
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.planning.bricks import Bricks

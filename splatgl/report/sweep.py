@@ -14,10 +14,9 @@ import numpy as np
 
 from splatgl import reference
 from splatgl.comparison.compare import compare
-from splatgl.data.halving import halve_volume
 from splatgl.data.image import Image
 from splatgl.data.scenes import FORMULAS, Formula
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Volume, halve_volume
 from splatgl.errors import InputError, expected
 from splatgl.geometry.camera import Camera
 from splatgl.planning.resolve import depth_range, extraction_kind

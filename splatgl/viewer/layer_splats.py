@@ -8,8 +8,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from splatgl.data.affine import World
-from splatgl.data.halving import halve_volume
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Volume, halve_volume
 from splatgl.geometry.camera import Bounded
 from splatgl.geometry.clipping import Plane, check_planes
 from splatgl.geometry.scissors import Scissors, cut_volume

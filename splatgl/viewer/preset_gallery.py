@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from imgui_bundle import imgui
 
-from splatgl.data.halving import subsample
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Volume, subsample
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
 from splatgl.planning.scene import Layer, Scene

@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.data.halving import FEWEST, halve_volume, subsample
-from splatgl.data.volume import Volume
+from splatgl.data.volume import FEWEST, Volume, halve_volume, subsample
 from splatgl.fileio import budget, format_bytes
 from splatgl.planning.bricks import bricks_of, estimate_need
 from splatgl.splat.settings import Settings

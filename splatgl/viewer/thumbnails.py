@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.halving import halve_volume
 from splatgl.data.image import Image
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Volume, halve_volume
 from splatgl.errors import InputError
 from splatgl.geometry.camera import Camera
 from splatgl.gl.renderer import Renderer

@@ -15,8 +15,7 @@ from uuid import NAMESPACE_OID, uuid5
 
 import numpy as np
 
-from splatgl.data.halving import FEWEST, halve_samples
-from splatgl.data.volume import Places, Volume
+from splatgl.data.volume import FEWEST, Places, Volume, halve_samples
 from splatgl.errors import import_extra
 from splatgl.readers.metaimage import TYPES as METAIMAGE_TYPES
 from splatgl.writers import Content, label_colors

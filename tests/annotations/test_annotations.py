@@ -19,7 +19,7 @@ from splatgl.annotations.canvas import WHITE, AnnotationView, Canvas, Measure, S
 from splatgl.annotations.world_lines import COLORS, LONG, letters, measure_text
 from splatgl.cli.main import main
 from splatgl.data.affine import Coordinate, make_lattice
-from splatgl.data.halving import halve_volume
+from splatgl.data.volume import halve_volume
 from splatgl.scene.scene_file import SceneFile
 
 pytestmark = pytest.mark.usefixtures("shared_programs")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import splatgl as sg
-from splatgl.data.halving import halve_volume
+from splatgl.data.volume import halve_volume
 
 SOFT = sg.Transfer([(0.2, 0.0), (0.8, 0.05)], colormap="hot", shading=False)
 

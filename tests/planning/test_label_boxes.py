@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.data.halving import halve_volume
-from splatgl.data.volume import Label
+from splatgl.data.volume import Label, halve_volume
 from splatgl.planning.culling import visible_boxes
 from splatgl.reference.depth_map import depths
 from splatgl.reference.pick import pick

@@ -13,7 +13,7 @@ import pytest
 import splatgl as sg
 from splatgl import reference
 from splatgl.cli.main import main
-from splatgl.data.caps import cap_mesh, cap_meshes, fill_outline
+from splatgl.data.mesh import cap_mesh, cap_meshes, fill_outline
 from splatgl.errors import InputError
 from splatgl.scene.meshes import MeshFile
 from splatgl.scene.scene_file import SceneFile

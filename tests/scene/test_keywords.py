@@ -14,7 +14,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.data.halving import halve_volume
+from splatgl.data.volume import halve_volume
 from splatgl.errors import InputError
 from splatgl.options import declared, flag_name
 from splatgl.scene.api import PLAIN, scene_of

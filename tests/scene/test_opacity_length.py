@@ -13,7 +13,7 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.cli.presets import subsampled
-from splatgl.data.halving import halve_volume, subsample
+from splatgl.data.volume import halve_volume, subsample
 from splatgl.planning.scene import channel_opacity
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.extract import extract

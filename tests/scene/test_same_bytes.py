@@ -11,7 +11,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.data.accuracy import Accuracy
+from splatgl.data.image import Accuracy
 from splatgl.gl.renderer import Renderer
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document

@@ -13,8 +13,7 @@ from PIL import Image as Pillow
 import splatgl as sg
 from splatgl.cli import presets
 from splatgl.cli.main import main
-from splatgl.data.halving import halve_volume
-from splatgl.data.volume import Hints, Volume
+from splatgl.data.volume import Hints, Volume, halve_volume
 from splatgl.errors import InputError
 from splatgl.scene.scene_file import SceneFile
 from splatgl.transfer.colormaps import colormap

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.data.halving import subsample
+from splatgl.data.volume import subsample
 from splatgl.geometry.scissors import Scissors
 from splatgl.readers import load
 from splatgl.scene.meshes import MeshFile

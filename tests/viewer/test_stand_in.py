@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.data.halving import subsample
+from splatgl.data.volume import subsample
 from splatgl.fileio import PROCESS
 from splatgl.planning.bricks import EACH, SAMPLE
 from splatgl.scene.open_scene import OpenScene

@@ -15,7 +15,7 @@ import pytest
 import splatgl as sg
 from splatgl.annotations.text import Overlay, Text, draw_overlay, plain
 from splatgl.cli.main import main
-from splatgl.data.halving import halve_volume
+from splatgl.data.volume import halve_volume
 from splatgl.gl.screen import Screen
 from splatgl.planning.culling import eye_is_outside, visible_shell
 from splatgl.scene.scene_file import SceneFile
