@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from splatgl import reference as reference
     from splatgl.animation.api import animate as animate
     from splatgl.annotations.annotate import annotated as annotated
-    from splatgl.comparison.compare import compare as compare
-    from splatgl.comparison.settings import judge as judge
+    from splatgl.comparison.metrics import compare as compare
+    from splatgl.comparison.verdict import judge as judge
     from splatgl.data import scenes as scenes
     from splatgl.data.image import Image as Image
     from splatgl.data.mesh import Mesh as Mesh
@@ -100,8 +100,8 @@ _PUBLIC = {
     "magnitudes": "splatgl.splat.vector_field",
     "streamlines": "splatgl.splat.vector_field",
     "check": "splatgl.reference.check",
-    "compare": "splatgl.comparison.compare",
-    "judge": "splatgl.comparison.settings",
+    "compare": "splatgl.comparison.metrics",
+    "judge": "splatgl.comparison.verdict",
     "depth_map": "splatgl.scene.api",
     "default_transfer": "splatgl.transfer.presets",
     "extract": "splatgl.splat.extract",

@@ -15,8 +15,7 @@ from splatgl.cli.parser import add_option
 from splatgl.comparison.metrics import require_flip
 from splatgl.comparison.pairs import DIFFERENT, UNUSABLE, FilePair, Outcome, build_cases, compare_all
 from splatgl.comparison.pictures import Picture, find_pairs, match_formats
-from splatgl.comparison.settings import STATED, CompareOptions
-from splatgl.comparison.verdict import Criteria, Pair, Verdict
+from splatgl.comparison.verdict import STATED, CompareOptions, Criteria, Pair, Verdict
 from splatgl.data.image import Image, encode_png
 from splatgl.errors import expected
 from splatgl.fileio import check_output, write_file
@@ -92,15 +91,14 @@ def _criteria(args: argparse.Namespace) -> Criteria:
 
 
 def _diff(pair: Pair) -> bytes:
-    from splatgl.comparison import html_report
+    from splatgl.comparison import reports
 
-    difference = html_report.largest_difference(pair.actual, pair.right, pair.mask)
-    return encode_png(html_report.heat_map(difference), html_report.COMPRESSION)
+    difference = reports.largest_difference(pair.actual, pair.right, pair.mask)
+    return encode_png(reports.heat_map(difference), reports.COMPRESSION)
 
 
 def _write_reports(args: argparse.Namespace, outcomes: Sequence[Outcome], criteria: Criteria, title: str) -> None:
-    from splatgl.comparison.ci_outputs import append_text, junit_xml, markdown_summary
-    from splatgl.comparison.html_report import build_page
+    from splatgl.comparison.reports import append_text, build_page, junit_xml, markdown_summary
 
     cases = build_cases(outcomes, criteria)
     if args.report:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.comparison.compare import Comparison
+from splatgl.comparison.metrics import Comparison
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 
 # pixels examined along the longer side: more pixels do not change the classification

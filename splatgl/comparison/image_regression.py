@@ -20,10 +20,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from splatgl.comparison.html_report import Case, image_html, pair_html
 from splatgl.comparison.pictures import Picture, as_images, read
-from splatgl.comparison.settings import CompareOptions
-from splatgl.comparison.verdict import Criteria, Pair, Tolerance, Verdict
+from splatgl.comparison.reports import Case, image_html, pair_html
+from splatgl.comparison.verdict import CompareOptions, Criteria, Pair, Tolerance, Verdict
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
 from splatgl.platforms import processor_vendor

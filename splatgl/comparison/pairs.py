@@ -15,13 +15,13 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from splatgl.comparison.compare import equal_comparison
+from splatgl.comparison.metrics import equal_comparison
 from splatgl.comparison.pictures import Picture, frames, read_size
 from splatgl.comparison.verdict import Criteria, Pair, Verdict
 from splatgl.errors import InputError
 
 if TYPE_CHECKING:
-    from splatgl.comparison.html_report import Case
+    from splatgl.comparison.reports import Case
 
 SAME, DIFFERENT, UNUSABLE = 0, 1, 2
 # bytes of a file that are compared at a time
@@ -170,14 +170,14 @@ def _compare(files: FilePair, actual: Picture | None, right: Picture | None, cri
 
 def build_cases(outcomes: Iterable[Outcome], criteria: Criteria) -> list[Case]:
     """Cases of a report, the largest differences first; pictures that were not kept are read again."""
-    from splatgl.comparison.html_report import MOST_PICTURED
+    from splatgl.comparison.reports import MOST_PICTURED
 
     ranked = sorted(outcomes, key=lambda o: (-o.code, -o.verdict.comparison.rmse if o.verdict else 0.0))
     return [_case(outcome, criteria, place < MOST_PICTURED) for place, outcome in enumerate(ranked)]
 
 
 def _case(outcome: Outcome, criteria: Criteria, pictured: bool) -> Case:
-    from splatgl.comparison.html_report import Case, image_html, pair_html
+    from splatgl.comparison.reports import Case, image_html, pair_html
 
     files, html = outcome.files, ""
     if pictured and outcome.verdict and not outcome.verdict.same:

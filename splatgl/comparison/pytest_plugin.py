@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from splatgl.comparison.html_report import Case
     from splatgl.comparison.image_regression import ImageRegression
-    from splatgl.comparison.settings import CompareOptions
+    from splatgl.comparison.reports import Case
+    from splatgl.comparison.verdict import CompareOptions
 
 
 # options that write baselines, and those of outputs, which projects state too
@@ -77,7 +77,7 @@ def _option(config: pytest.Config, name: str) -> Any:
 
 def options_of(config: pytest.Config) -> CompareOptions:
     """The project's options: of pyproject.toml and of pytest's configuration. Bad ones fail the test."""
-    from splatgl.comparison.settings import CompareOptions
+    from splatgl.comparison.verdict import CompareOptions
     from splatgl.errors import InputError
     from splatgl.fileio import parse_table
 
@@ -156,7 +156,7 @@ def _attach(item: pytest.Item, cases: list[Case]) -> None:
 
     The property `attachment` is in every report; lines that Jenkins and GitLab read are with `junit_logging`.
     """
-    from splatgl.comparison.ci_outputs import attachment_lines, write_attachments
+    from splatgl.comparison.reports import attachment_lines, write_attachments
 
     folder = output_of(item.config, REPORT)
     if folder is None:
@@ -177,7 +177,7 @@ class Collector:
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Collects the cases attached to a test's report."""
-        from splatgl.comparison.html_report import Case
+        from splatgl.comparison.reports import Case
 
         cases = getattr(report, CASES_ATTRIBUTE, [])
         self.cases += [Case(**values) for values in cases]
@@ -212,7 +212,7 @@ class Collector:
 
     def _report(self, folder: Path, unused: list[str]) -> str:
         """Writes the report and returns a message with its path."""
-        from splatgl.comparison.html_report import build_page, list_files
+        from splatgl.comparison.reports import build_page, list_files
         from splatgl.fileio import write_file
 
         wrong = sum(case.state != "same" for case in self.cases)
@@ -222,7 +222,7 @@ class Collector:
 
     def _summary(self, path: Path, folder: Path | None) -> None:
         """Appends the summary in Markdown."""
-        from splatgl.comparison.ci_outputs import append_text, markdown_summary
+        from splatgl.comparison.reports import append_text, markdown_summary
 
         page = str(folder / "index.html") if folder else ""
         append_text(path, markdown_summary(self.cases, "Image regression", page))

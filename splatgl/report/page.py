@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.comparison.html_report import data_uri, heat_map, html_page, html_table, largest_difference, to_display
+from splatgl.comparison.reports import data_uri, heat_map, html_page, html_table, largest_difference, to_display
 from splatgl.data.image import Image
 from splatgl.errors import InputError
 from splatgl.fileio import write_file

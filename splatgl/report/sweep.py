@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl import reference
-from splatgl.comparison.compare import compare
+from splatgl.comparison.metrics import compare
 from splatgl.data.image import Image
 from splatgl.data.scenes import FORMULAS, Formula
 from splatgl.data.volume import Volume, halve_volume

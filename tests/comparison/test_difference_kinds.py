@@ -19,7 +19,7 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.comparison.html_report import Case, build_page, pair_html
+from splatgl.comparison.reports import Case, build_page, pair_html
 from splatgl.comparison.verdict import Criteria, Pair, Tolerance, Verdict, format_metric
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 

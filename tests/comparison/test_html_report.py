@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.comparison import html_report
-from splatgl.comparison.html_report import html_table, pair_html
+from splatgl.comparison import reports
+from splatgl.comparison.reports import html_table, pair_html
 from splatgl.comparison.verdict import Pair
 
 # more than LARGEST in both directions, and no multiple of what becomes one pixel
@@ -26,8 +26,8 @@ def pair(row: int, column: int) -> tuple[sg.Image, sg.Image]:
 
 @pytest.mark.parametrize(("row", "column"), [(0, 0), (700, 1234), (HEIGHT - 1, WIDTH - 1)])
 def test_one_pixel_of_a_large_picture_is_to_be_seen(row: int, column: int) -> None:
-    heat = html_report.heat_map(html_report.shrink(html_report.largest_difference(*pair(row, column)), np.max))
-    assert html_report.shrink(html_report.largest_difference(*pair(row, column)), np.max).max() == 0.5
+    heat = reports.heat_map(reports.shrink(reports.largest_difference(*pair(row, column)), np.max))
+    assert reports.shrink(reports.largest_difference(*pair(row, column)), np.max).max() == 0.5
     assert heat.shape == (344, 684, 3)
     assert np.argwhere(heat.any(axis=-1)).tolist() == [[row // 3, column // 3]]
     assert heat.max(axis=(0, 1)).tolist() == [252, 255, 200]
@@ -36,25 +36,25 @@ def test_one_pixel_of_a_large_picture_is_to_be_seen(row: int, column: int) -> No
 def test_shrunk_is_the_mean_of_its_pixels() -> None:
     pixels = np.random.default_rng(2).random((1200, 2048, 4)).astype(np.float32)
     blocks = pixels.reshape(600, 2, 1024, 2, 4)
-    assert np.allclose(html_report.shrink(pixels, np.mean), blocks.mean(axis=(1, 3)), rtol=1e-6)
+    assert np.allclose(reports.shrink(pixels, np.mean), blocks.mean(axis=(1, 3)), rtol=1e-6)
     small = pixels[:9, :1024]
-    assert html_report.shrink(small, np.mean) is small
+    assert reports.shrink(small, np.mean) is small
 
 
 def test_heat_rises_from_black_and_what_is_beyond_floats_is_the_lightest() -> None:
-    heat = html_report.heat_map(np.linspace(0, 3, 200, dtype=np.float32)[None])[0].astype(int)
+    heat = reports.heat_map(np.linspace(0, 3, 200, dtype=np.float32)[None])[0].astype(int)
     assert heat[0].tolist() == [0, 0, 0]
     assert (np.diff(heat @ (0.2126, 0.7152, 0.0722)) >= 0).all(), "never darker"
     huge = [sg.Image(np.full((2, 2, 4), value, np.float32)) for value in (3e38, -3e38)]
-    assert (html_report.heat_map(html_report.largest_difference(*huge)) == (252, 255, 200)).all()
+    assert (reports.heat_map(reports.largest_difference(*huge)) == (252, 255, 200)).all()
 
 
 def test_what_is_not_compared_is_not_shown() -> None:
     actual, right = pair(5, 7)
     mask = np.ones((HEIGHT, WIDTH), bool)
     mask[5, 7] = False
-    assert html_report.largest_difference(actual, right).max() == 0.5
-    assert html_report.largest_difference(actual, right, mask).max() == 0
+    assert reports.largest_difference(actual, right).max() == 0.5
+    assert reports.largest_difference(actual, right, mask).max() == 0
 
 
 @pytest.mark.parametrize(
@@ -65,13 +65,13 @@ def test_what_is_enlarged_is_the_pixel_and_what_is_around(
     row: int, column: int, box: tuple[int, int, int, int]
 ) -> None:
     actual, right = pair(row, column)
-    assert html_report.detail_box(sg.compare(actual, right), right.pixels.shape) == box
+    assert reports.detail_box(sg.compare(actual, right), right.pixels.shape) == box
 
 
 def test_a_large_difference_is_enlarged_at_its_worst() -> None:
     actual, right = pair(500, 700)
     actual.pixels[100:900, 100:1900, 1] = 0.2
-    assert html_report.detail_box(sg.compare(actual, right), right.pixels.shape) == (669, 469, 732, 532)
+    assert reports.detail_box(sg.compare(actual, right), right.pixels.shape) == (669, 469, 732, 532)
 
 
 def test_the_frame_is_around_the_box() -> None:
@@ -98,7 +98,7 @@ def test_every_picture_has_an_alternative_text() -> None:
     """Of the whole and of the enlarged detail, and of one without a counterpart."""
     actual, right = pair(515, 500)
     both = pair_html(Pair(actual, right).judge(), Pair(actual, right))
-    alone = html_report.image_html(actual)
+    alone = reports.image_html(actual)
     for html, count in ((both, 6), (alone, 1)):
         texts = re.findall(r'<img[^>]* alt="([^"]*)"', html)
         assert len(set(texts)) == html.count("<img") == count and all(texts)

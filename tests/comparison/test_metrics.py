@@ -9,8 +9,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.comparison import metrics
-from splatgl.comparison.compare import compare
-from splatgl.comparison.metrics import exceeds_step
+from splatgl.comparison.metrics import compare, exceeds_step
 from splatgl.comparison.verdict import Pair
 from splatgl.data.color import srgb_from_linear
 

@@ -28,7 +28,7 @@ from PIL import Image as Pillow
 import splatgl as sg
 from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.cli.main import COMMANDS, _parser, main
-from splatgl.comparison.settings import CompareOptions
+from splatgl.comparison.verdict import CompareOptions
 from splatgl.readers import FORMATS
 from splatgl.report.methods import methods
 from splatgl.scene.scene_file import SceneFile
