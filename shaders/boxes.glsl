@@ -1,6 +1,6 @@
 // Intersects a pixel's ray with the boxes of voxels, which labels fill evenly, and lights them.
 // Depths are along the eye's axis, in mean spacings; places are in grid steps from frame.base.
-// Twin of splatgl/reference/label_boxes.py.
+// Twin of splatgl/reference/layers.py.
 // switch SHADING 0  normals are lit
 // switch CLIPPED 0  planes clip rays
 // switch LIMITED 0  meshes limit rays

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from splatgl.readers import load as load
     from splatgl.readers.meshes import load_mesh as load_mesh
     from splatgl.reference.check import check as check
-    from splatgl.reference.pick import pick as pick
+    from splatgl.reference.depth_pick import pick as pick
     from splatgl.scene.api import Check as Check
     from splatgl.scene.api import Cuts as Cuts
     from splatgl.scene.api import Light as Light
@@ -107,7 +107,7 @@ _PUBLIC = {
     "extract": "splatgl.splat.extract",
     "load": "splatgl.readers",
     "load_mesh": "splatgl.readers.meshes",
-    "pick": "splatgl.reference.pick",
+    "pick": "splatgl.reference.depth_pick",
     "plan": "splatgl.planning.plan",
     "preset": "splatgl.transfer.presets",
     "presets": "splatgl.transfer.presets",

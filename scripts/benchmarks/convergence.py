@@ -15,8 +15,7 @@ from splatgl import reference
 from splatgl.data.scenes import ball
 from splatgl.geometry.camera import Camera
 from splatgl.gl.renderer import Renderer
-from splatgl.reference.field import field_integral
-from splatgl.reference.ray_integral import ray_integral
+from splatgl.reference.field import field_integral, ray_integral
 from splatgl.report.page import Table
 from splatgl.splat.extract import extract
 from splatgl.splat.settings import Footprint, Settings

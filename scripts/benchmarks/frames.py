@@ -34,8 +34,7 @@ from vtk_peers import Peer
 import splatgl as sg
 from splatgl.gl.target import Target
 from splatgl.planning.resolve import extract_for_settings, select_splats
-from splatgl.reference.field import kept_field_integral
-from splatgl.reference.ray_integral import ray_integral_at
+from splatgl.reference.field import kept_field_integral, ray_integral_at
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 

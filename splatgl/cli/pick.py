@@ -14,7 +14,7 @@ from splatgl.scene.open_scene import OpenScene
 
 if TYPE_CHECKING:
     from splatgl.data.volume import Volume
-    from splatgl.reference.pick import Picked
+    from splatgl.reference.depth_pick import Picked
 
 
 # exit code for a pixel that shows nothing
@@ -35,7 +35,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Prints the value and the place; returns 0, or NOTHING."""
-    from splatgl.reference.pick import pick
+    from splatgl.reference.depth_pick import pick
 
     file = scene_from(args)
     width, height = file.view.size

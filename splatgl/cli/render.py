@@ -46,7 +46,7 @@ def depth_at(text: str) -> float | str:
 
 def write_depths(scene: OpenScene, path: str, at: float | str | None) -> None:
     """Writes a depth map, and prints its range. at: as of `depths`."""
-    from splatgl.reference.depth_map import HALF
+    from splatgl.reference.depth_pick import HALF
 
     started = time.perf_counter()
     camera, settings = scene.camera, scene.file.settings

@@ -1,5 +1,10 @@
 """Rays of pixels, pairs of splats and pixels, and extents of splats on the screen.
 
+The perspective mapping to ray space (slopes, distance from the eye) is replaced by its Jacobian J at the voxel, by
+which a Gaussian remains one. Its projection of covariance Q = J A Aᵀ Jᵀ is convolved with a Gaussian of a pixel p:
+Q + p², whatever the depth, where [M98 Eq. 4] takes the larger of voxel and pixel. All in units of the kernel's own
+variance, so that the filter is for a pixel what the kernel is for a voxel. Both are normalised: energy is kept.
+
 Lengths are in mean spacings, in eye axes; extents are slopes (perspective) or eye x, y (orthographic).
 
 There is no loop over splats: boxes are unrolled into rows, rows into pixels.
@@ -21,10 +26,65 @@ from splatgl.geometry.clipping import FLUSH, GRAZING, Clip
 from splatgl.geometry.grid import Grid
 from splatgl.geometry.view import GridView, smallest_axis
 from splatgl.planning.culling import STRETCHED, block_boxes
-from splatgl.reference.ewa import Ewa
 from splatgl.splat.footprint import ROWS, Quads, Splat, fill_depth, on_quads, table_quad
 from splatgl.splat.line_integral import Integral, row1
 from splatgl.splat.splats import Splats, in_parts
+
+
+@dataclass(frozen=True, eq=False)
+class Ewa:
+    """The ellipses of N splats in slopes, or eye x and y. middle [2, N]; shape [3, N]: xx, xy, yy of the covariance.
+
+    gain [N]: the line integral at the middle over F(0), 0 for kernels that reach the eye's plane, where J means
+    nothing. coverage [N]: the unfiltered ellipse's share of the filtered one's area.
+    """
+
+    middle: np.ndarray
+    shape: np.ndarray
+    gain: np.ndarray
+    coverage: np.ndarray
+
+    @classmethod
+    def of(cls, view: GridView, voxel: np.ndarray) -> Ewa:
+        """The ellipses of voxels [3, N]. Raises InputError for a kernel that is not a Gaussian."""
+        if view.kernel.name != "gaussian":
+            raise expected("kernel", "gaussian, as the affine image of no other keeps its form", view.kernel.name)
+        x, y, z = voxel
+        middle, jacobian, density = voxel[:2], np.ones_like(z), np.ones_like(z)
+        rows = np.broadcast_to(np.eye(2, 3)[..., None], (2, 3, len(z))).copy()
+        if view.perspective:
+            ahead = z > view.reach
+            depth = np.where(ahead, z, 1.0)
+            middle = voxel[:2] / depth
+            rows[:, :2] /= depth
+            rows[:, 2] = -middle / depth
+            jacobian = np.sqrt(x * x + y * y + depth * depth) / depth**3
+            density = np.where(ahead, 1.0, 0.0)
+        across = np.einsum("ijn,jk->ikn", rows, view.eye_from_index)
+        shape = np.stack([(across[i] * across[j]).sum(axis=0) for i, j in ((0, 0), (0, 1), (1, 1))])
+        filtered = shape + np.array([[1.0], [0.0], [1.0]]) * view.filter_pitch**2 * view.antialias
+        area = np.sqrt(_determinant(filtered))
+        volume = abs(float(np.linalg.det(view.eye_from_index)))
+        return cls(middle, filtered, density * jacobian * volume / area, np.sqrt(_determinant(shape)) / area)
+
+    def bounds(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest slopes, or x and y, [2, N] each; low > high where nothing is drawn."""
+        half = radius * np.sqrt(self.shape[[0, 2]])
+        return self.middle - half, np.where(self.gain > 0, self.middle + half, -np.inf)
+
+    def on(self, view: GridView, splat: np.ndarray, ray: np.ndarray) -> Integral:
+        """Line integrals of splats [P] along rays [2, P]."""
+        u, v = ray - self.middle[:, splat]
+        xx, xy, yy = shape = self.shape[:, splat]
+        square = (yy * u * u - 2 * xy * u * v + xx * v * v) / _determinant(shape)
+        peak = self.gain[splat] * view.kernel.footprint(np.zeros(()))
+        return Integral(self.gain[splat] * view.kernel.footprint(np.sqrt(np.maximum(square, 0.0))), peak)
+
+
+def _determinant(shape: np.ndarray) -> np.ndarray:
+    xx, xy, yy = shape
+    return np.asarray(xx * yy - xy * xy)
+
 
 # relative enlargement of a box against rounding
 MARGIN = 1e-9

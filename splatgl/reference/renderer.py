@@ -22,8 +22,7 @@ from splatgl.planning.ordering import back_to_front, order_for
 from splatgl.planning.resolve import Appearance, Resolved, attenuation_form, voxel_kernel
 from splatgl.planning.scene import ResolvedScene, Scene, join_pictures, resolve_scene
 from splatgl.reference.blend import ADD, Band, Part, mean_weights, over_background, pixel_means, pixels
-from splatgl.reference.label_boxes import BoxScene
-from splatgl.reference.layers import LayerScene, SurfaceScene
+from splatgl.reference.layers import BoxScene, LayerScene, SurfaceScene
 from splatgl.reference.rays import (
     EWA,
     SQUARE,

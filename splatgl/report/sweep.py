@@ -21,8 +21,7 @@ from splatgl.errors import InputError, expected
 from splatgl.geometry.camera import Camera
 from splatgl.planning.resolve import depth_range, extraction_kind
 from splatgl.reference.blend import pixel_means
-from splatgl.reference.field import Field, field_integral
-from splatgl.reference.ray_integral import ray_integral
+from splatgl.reference.field import Field, field_integral, ray_integral
 from splatgl.report.methods import DEFAULT, TRUTHS, Method, axis_of, methods
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.extract import POST_KERNEL, extract

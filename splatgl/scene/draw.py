@@ -385,7 +385,7 @@ def depths_of(scene: OpenScene | SubjectView, at: float | str | None) -> np.ndar
     Raises InputError for splats.
     """
     from splatgl.planning.scene import Scene
-    from splatgl.reference.depth_map import depths
+    from splatgl.reference.depth_pick import depths
 
     if isinstance(scene, SubjectView):
         subject, settings = scene.subject, scene.settings

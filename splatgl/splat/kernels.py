@@ -160,7 +160,7 @@ class PiecewiseCubic:
 
 @dataclass(frozen=True)
 class Box:
-    """Box of a voxel, of constant density. It is not radial (see reference/label_boxes.py); the methods describe the
+    """Box of a voxel, of constant density. It is not radial (see reference/layers.py); the methods describe the
     ball around it.
     """
 

@@ -12,7 +12,7 @@ from splatgl.errors import InputError
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.clipping import Clip, Plane
 from splatgl.geometry.view import eye_from_index
-from splatgl.reference.pick import Picked, pick
+from splatgl.reference.depth_pick import Picked, pick
 from splatgl.splat.splats import Splats
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document

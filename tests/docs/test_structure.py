@@ -82,7 +82,6 @@ SHORT_FILES = {
     "__main__.py": "python -m splatgl",
     "cli/animate.py": "cli/main.py: COMMANDS",
     "cli/info.py": "cli/main.py: COMMANDS",
-    "reference/ewa.py": "a splat of another method, beside the rows of Table 1",
     "distributed/worker_preload.py": "Dask's option preload",
 }
 MAX_FUNCTION_LINES, MAX_PARAMETERS = 60, 7

@@ -15,9 +15,8 @@ from splatgl.cli.main import main
 from splatgl.distributed.render import PicturePart, join_parts
 from splatgl.gl.shader import compose
 from splatgl.planning import bricks
-from splatgl.reference.depth_map import depths
+from splatgl.reference.depth_pick import depths, pick
 from splatgl.reference.field import field_integral
-from splatgl.reference.pick import pick
 from splatgl.transfer.regions import spline_crossings
 from tests.helpers.memory import allow_any_memory
 

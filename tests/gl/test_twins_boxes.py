@@ -8,7 +8,7 @@ import pytest
 import splatgl as sg
 from splatgl.gl.features import box_uniforms
 from splatgl.gl.uniforms import base_of
-from splatgl.reference.label_boxes import BoxRays, BoxScene, Passed
+from splatgl.reference.layers import BoxRays, BoxScene, Passed
 from tests.helpers.boxes import noise as labels_of_noise
 from tests.helpers.boxes import splats_of
 from tests.helpers.noise import views

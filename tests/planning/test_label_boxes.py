@@ -12,8 +12,7 @@ import pytest
 import splatgl as sg
 from splatgl.data.volume import Label, halve_volume
 from splatgl.planning.culling import visible_boxes
-from splatgl.reference.depth_map import depths
-from splatgl.reference.pick import pick
+from splatgl.reference.depth_pick import depths, pick
 from splatgl.splat import lighting
 from splatgl.transfer.presets import label_transfer
 from tests.helpers.boxes import BLUE, GREEN, GRIDS, RED, TABLE, noise, splats_of

@@ -11,7 +11,7 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.errors import InputError
-from splatgl.reference.depth_map import depths
+from splatgl.reference.depth_pick import depths
 from tests.helpers.noise import GRIDS
 
 pytestmark = pytest.mark.usefixtures("shared_programs")

@@ -8,7 +8,7 @@ import pytest
 import splatgl as sg
 from splatgl.geometry.grid import Grid
 from splatgl.geometry.view import GridView
-from splatgl.reference.ewa import Ewa
+from splatgl.reference.rays import Ewa
 from splatgl.splat.kernels import kernel
 
 GAUSSIANS = sg.Settings.like("0.1", kernel="gaussian", attenuation="opacity", blend="xray")

@@ -7,8 +7,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.geometry.view import GridView
-from splatgl.reference import ray_integral as integral
-from splatgl.reference.ray_integral import ray_integral
+from splatgl.reference import field as integral
+from splatgl.reference.field import ray_integral
 from splatgl.reference.renderer import render
 from splatgl.splat.kernels import kernel
 from splatgl.splat.line_integral import row1

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.reference.depth_map import depths
+from splatgl.reference.depth_pick import depths
 from tests.helpers.marcher import Field, Rays
 from tests.helpers.noise import GRIDS
 

@@ -11,8 +11,7 @@ from benchmarks.vtk_peers import MAPPERS, Peer
 
 import splatgl as sg
 from splatgl.data.scenes import SCENES
-from splatgl.reference.field import field_integral
-from splatgl.reference.ray_integral import ray_integral
+from splatgl.reference.field import field_integral, ray_integral
 from tests.helpers.splatting import SPLATS
 
 pytestmark = pytest.mark.usefixtures("shared_programs")

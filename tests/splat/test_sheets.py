@@ -15,7 +15,7 @@ from splatgl.gl import sheet_quads, sheet_tiles, target, tiles
 from splatgl.gl.sheet_quads import SheetQuads
 from splatgl.gl.target import Interrupted
 from splatgl.planning.ordering import order_for
-from splatgl.reference.ray_integral import ray_integral
+from splatgl.reference.field import ray_integral
 from splatgl.splat.kernels import KERNELS, depth_deviation, kernel
 from splatgl.splat.settings import Technique
 from splatgl.splat.sheets import Sheets

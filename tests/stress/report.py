@@ -8,7 +8,7 @@ from textwrap import fill
 
 import numpy as np
 
-from splatgl.reference.ray_integral import ray_integral
+from splatgl.reference.field import ray_integral
 from splatgl.report.page import TEXT_WIDTH, Table
 from tests.stress import attenuation
 from tests.stress.case import (
