@@ -102,7 +102,7 @@ _CLASSES = (
     *("Scene", "Settings", "Slice", "Splats", "Transfer", "Volume", "World"),
 )
 _NAMED = {"OptionGroup": "a group of options such as View", "Image": "an Image", "Settings": "Settings"}
-_SUBJECTS = "splatgl.planning.subjects"
+_SUBJECTS = "splatgl.planning.scene"
 FORMS = {
     "None": _fitting("None", lambda value: value is None),
     "str": _plain("text", str),

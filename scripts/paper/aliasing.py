@@ -14,7 +14,7 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.grid import Grid
-from splatgl.planning.ordering import order_for
+from splatgl.planning.culling import order_for
 from splatgl.splat.kernels import kernel
 from splatgl.splat.motion import Draw
 from splatgl.splat.motion_blur import line_area

@@ -28,7 +28,7 @@ from splatgl.fileio import budget, check_output, format_bytes, shorten_name
 from splatgl.geometry.camera import Bounded, Camera
 from splatgl.options import Group, Kind, check_options, non_default, option
 from splatgl.planning.bricks import Bricks, excess_bricks, required_bricks
-from splatgl.planning.ordering import order_for
+from splatgl.planning.culling import order_for
 from splatgl.planning.resolve import has_streaks
 from splatgl.planning.scene import Scene, moments_per_frame
 from splatgl.scene.open_scene import OpenScene, provenance_of, without_background

@@ -14,8 +14,7 @@ import numpy as np
 
 from splatgl.gl.shader import ABREAST
 from splatgl.planning.clusters import Clusters
-from splatgl.planning.culling import block_boxes
-from splatgl.planning.ordering import Order, back_to_front
+from splatgl.planning.culling import Order, back_to_front, block_boxes
 from splatgl.splat.splats import MOST_KEPT, Splats
 
 # cache limits: entries, and bytes of the records of all entries but the latest

@@ -19,8 +19,7 @@ from splatgl.gl.sheet_tiles import SheetTiles
 from splatgl.gl.spared_tiles import SingleSamples
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.tiles import LISTS, Band, SplatTiles, tile_counts
-from splatgl.planning.culling import Window
-from splatgl.planning.ordering import order_for
+from splatgl.planning.culling import Window, order_for
 from splatgl.planning.plan import Plan
 from splatgl.planning.technique import COLUMNS, ROWS
 from splatgl.splat.sheets import index_direction

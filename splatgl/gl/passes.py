@@ -26,8 +26,7 @@ from splatgl.gl.spared_tiles import AdaptiveSamples, SingleSamples
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.tiles import SplatTiles, Tiles
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
-from splatgl.planning.culling import Window, clip_behind_eye, visible_boxes
-from splatgl.planning.ordering import order_for
+from splatgl.planning.culling import Window, clip_behind_eye, order_for, visible_boxes
 from splatgl.planning.plan import Plan
 from splatgl.planning.resolve import END_CORRECTION
 from splatgl.splat.splats import Splats

@@ -1,4 +1,9 @@
-"""Culling: splats behind the eye, outside the frustum, in blocks, and hidden by others; bounds on the screen.
+"""Culling and order: splats outside the view or hidden by others, their order, and bounds of opaque samples.
+
+Along every axis the cells beyond the eye's are read in descending order first, the rest ascending:
+plane by plane, within a plane row by row, within a row splat by splat. Of two cells that share a face,
+the one on the eye's side comes last. Planes lie across the view, so that overlapping footprints are
+seldom drawn out of depth order.  [M98 §3.5: drawn back to front without a sort]
 
 In parallel views rays begin at the eye's plane. Values on it also depend on voxels behind it, so that splats classified
 after reconstruction are kept as far behind the plane as their kernels reach.
@@ -6,19 +11,204 @@ after reconstruction are kept as far behind the plane as their kernels reach.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from itertools import combinations, product
 
 import numpy as np
 
+from splatgl.data.volume import Slab, Volume
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.clipping import LatestParts
+from splatgl.geometry.grid import Grid, dilate, ranges
 from splatgl.geometry.view import GridView, centres_between, tangents
 from splatgl.planning.resolve import Resolved
+from splatgl.splat.extract import Lookup
 from splatgl.splat.hidden_interior import least_around
 from splatgl.splat.kernels import kernel
 from splatgl.splat.motion import Exposure
-from splatgl.splat.splats import Splats
+from splatgl.splat.splats import Splats, assemble, record_type
+from splatgl.transfer.preintegration import opaque_intervals
+from splatgl.transfer.transfer import Transfer
+
+
+@dataclass(frozen=True)
+class Order:
+    """Key of the drawing order: the eye's cell (x, y, z), and the axis (0 is x) perpendicular to the planes."""
+
+    cell: tuple[int, int, int]
+    axis: int
+
+
+def order_for(splats: Splats, camera: Camera) -> Order:
+    """The order for a view; it changes only with the eye's cell or main axis.
+
+    The cell is at most one beyond the splats; an orthographic eye is infinitely far back along the view.
+    """
+    low, high = np.rint(splats.index_bounds).astype(np.int64) + np.array([[-1], [1]])
+    index_from_world = np.linalg.inv(splats.grid.world_from_index)
+    view = index_from_world @ camera.forward
+    if camera.perspective:
+        eye = np.rint(splats.grid.index_from_world(camera.eye))
+    else:
+        eye = np.where(view > 0, -np.inf, np.inf)
+    x, y, z = (int(n) for n in np.clip(eye, low, high))
+    # the planes whose normal is nearest to the view direction; z on a tie
+    across = np.abs(view) / np.linalg.norm(index_from_world, axis=1)
+    axis = 2 - int(np.argmax(across[::-1]))
+    return Order((x, y, z), axis)
+
+
+def back_to_front(splats: Splats, order: Order) -> np.ndarray:
+    """Record indices [N] in drawing order; reversed it is front to back."""
+    lattice = splats.lattice(order.axis)
+    outer, middle, inner = (order.cell[axis] for axis in lattice.axes)
+    planes = _far_first(np.array([0]), np.array([len(lattice.plane)]), _count_before(lattice.plane <= outer))
+    rows = _split_ranges(lattice.plane_start, _count_before(lattice.row <= middle), planes)
+    splat = _split_ranges(lattice.row_start, _count_before(lattice.cell <= inner), rows)
+    return splat if lattice.index is None else lattice.index[splat]
+
+
+def _count_before(inside: np.ndarray) -> np.ndarray:
+    """Number of inside members among the first 0, 1, … n: [n+1]."""
+    count = np.zeros(len(inside) + 1, np.int32 if len(inside) < 2**31 else np.int64)
+    np.cumsum(inside, out=count[1:])
+    return count
+
+
+def _split_ranges(start: np.ndarray, inside: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """The members of each chosen range in turn, each range far side first."""
+    return _far_first(start[chosen], start[chosen + 1], inside)
+
+
+def _far_first(start: np.ndarray, stop: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Members start … stop−1 of every range: those beyond the eye descending, then the rest ascending."""
+    split = start + inside[stop] - inside[start]
+    first = np.stack([stop - 1, start], axis=1).ravel()
+    length = np.stack([stop - split, split - start], axis=1).ravel()
+    return ranges(first, length, np.tile([-1, 1], len(start)))
+
+
+# voxels per slab
+SLAB_VOXELS = 1 << 22
+# maximum number of voxels examined for a view, and in images of several levels, which are not read at full resolution;
+# above it, the volume's box is used
+MOST_EXAMINED, MOST_OF_LEVELS = 1 << 31, 1 << 28
+# others around a sample that make it part of an object: a line one voxel wide has two
+MOST_ALONE = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Opaque:
+    """Opaque part of a volume, as a subject of views; reads the volume on first use. Serves splats of values too, whose
+    transparent voxels would widen the view. is_robust: whether opaque samples count that have at least MOST_ALONE
+    others around them, if there are any.
+    """
+
+    volume: Volume
+    transfer: Transfer
+    is_robust: bool = False
+
+    @property
+    def full_extent(self) -> Volume:
+        """The volume."""
+        return self.volume
+
+    @property
+    def robust(self) -> Opaque:
+        """The same without samples that are alone."""
+        return replace(self, is_robust=True)
+
+    @property
+    def frame(self) -> str | None:
+        """The volume's anatomical frame: LPS, RAS or None."""
+        return self.volume.frame
+
+    @property
+    def nothing(self) -> bool:
+        """Whether all samples were examined and none is opaque."""
+        return self._ends is None and self.volume.count <= (MOST_OF_LEVELS if self.volume.coarser else MOST_EXAMINED)
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Corners [8, 3], world units, of the box around opaque samples; of the volume if there are none."""
+        return self.volume.corners if self._ends is None else self._ends.corners
+
+    @property
+    def outline(self) -> np.ndarray:
+        """Points [N, 3], world units, whose convex hull contains the opaque samples."""
+        return self.volume.outline if self._ends is None else self._ends.outline
+
+    @cached_property
+    def _ends(self) -> Splats | None:
+        """The first and the last opaque sample of each row, as splats."""
+        volume = self.volume
+        if volume.count > (MOST_OF_LEVELS if volume.coarser else MOST_EXAMINED):
+            return None
+        record = record_type(volume.shape, post=False)
+        keeps = Lookup.of(self.transfer, volume.samples.dtype, 0.0, record).keeps
+        if volume.samples.dtype.kind == "f":
+            keeps = partial(_is_within, opaque_intervals(self.transfer))
+        _, height, width = volume.shape
+        halo = max(int(bool(self.transfer.iso)), 2 * self.is_robust)
+        slabs = volume.slabs(max(1, SLAB_VOXELS // (height * width)), halo=halo)
+        ends = np.concatenate([_row_ends(slab, self._opaque(slab, keeps)) for slab in slabs])
+        if not len(ends):
+            return replace(self, is_robust=False)._ends if self.is_robust else None
+        records = np.zeros(len(ends), record)
+        records["position"] = ends
+        grid = Grid.of(volume)
+        return assemble(records, ends, grid, grid.mean_spacing, volume.name)
+
+    def _opaque(self, slab: Slab, keeps: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """bool: which samples of a slab, without its halo, are opaque or beside an iso-surface, and unmasked."""
+        samples, volume = np.ascontiguousarray(slab.samples), self.volume
+        inner = slice(slab.before, slab.before + slab.stop - slab.start)
+        part = slice(None) if self.is_robust else inner
+        opaque = keeps(samples[part])
+        for surface in self.transfer.iso:
+            opaque = opaque | _is_beside(surface.value, samples)[part]
+        if volume.masks:
+            first = slab.start - (slab.before if self.is_robust else 0)
+            opaque = opaque & volume.kept((first, 0, 0), (first + len(opaque), *volume.shape[1:]))
+        return _without_lone(opaque)[inner] if self.is_robust else opaque
+
+
+def _is_within(intervals: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """bool: which samples lie in closed intervals [n, 2]; faster than their opacities."""
+    most = float(np.finfo(samples.dtype).max)
+    inside = np.zeros(samples.shape, bool)
+    # limits of numpy's type: Python's numbers would be rounded to the samples' type
+    for low, high in np.clip(intervals, -most, most):
+        inside |= (samples >= low) & (samples <= high)
+    return inside
+
+
+def _without_lone(opaque: np.ndarray) -> np.ndarray:
+    """bool [D, H, W]: the samples with at least MOST_ALONE others among the 26 around them, or beside such a one."""
+    count = opaque.astype(np.uint8)
+    for axis in range(3):
+        padded = np.pad(count, [(int(axis == n), int(axis == n)) for n in range(3)])
+        parts = [padded.take(np.arange(n, n + count.shape[axis]), axis) for n in range(3)]
+        count = parts[0] + parts[1] + parts[2]
+    return np.asarray(opaque & dilate(opaque & (count > MOST_ALONE)))
+
+
+def _is_beside(value: float, samples: np.ndarray) -> np.ndarray:
+    """bool: which samples have a neighbour on the other side of a value."""
+    level = np.float64(value)
+    return np.asarray(dilate(samples > level) & dilate(samples <= level))
+
+
+def _row_ends(slab: Slab, opaque: np.ndarray) -> np.ndarray:
+    """int32 [N, 3] (x, y, z), in row order: the ends of the rows' opaque samples."""
+    z, y = np.nonzero(opaque.any(axis=2))
+    rows = opaque[z, y]
+    first, last = rows.argmax(axis=1), rows.shape[1] - 1 - rows[:, ::-1].argmax(axis=1)
+    ends = np.stack([np.stack([x, y, z + slab.start], axis=1) for x in (first, last)], axis=1)
+    return ends.reshape(-1, 3).astype(np.int32)
+
 
 # rounding: a splat behind the plane by less than this share of its distance from the eye counts as on the plane
 ON_PLANE = 1e-9

@@ -1,4 +1,4 @@
-"""`Scene` and `Layer`: volumes and meshes in one picture, and the plans of their layers.
+"""`Scene`: layers and meshes of one picture, and what arguments of public functions become.
 
 Extinctions and emissions of overlapping layers add up at every depth of a ray.
 """
@@ -8,23 +8,26 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from splatgl.coercion import public
+from splatgl.coercion import is_scene, public
 from splatgl.data.affine import METRES, World
 from splatgl.data.color import CHANNEL_COLORS, color_of_dye
 from splatgl.data.mask import parse_mask
 from splatgl.data.mesh import OF_VOLUME, Mesh, cap_meshes
+from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, error_prefix, expected
 from splatgl.geometry.camera import Camera, Part
 from splatgl.geometry.clipping import Box, Plane, change_planes, parse_planes
+from splatgl.geometry.grid import Grid
 from splatgl.geometry.slices import Painted, Painter, Slice, parse_slices
-from splatgl.planning.culling import clip_behind_eye
-from splatgl.planning.opaque_bounds import Opaque
-from splatgl.planning.plan import Plan, ResolvedLayer, plan_layer
+from splatgl.options import refuse_unknown
+from splatgl.planning.culling import Opaque, clip_behind_eye
+from splatgl.planning.plan import Plan, ResolvedLayer, plan_layer, unused_settings
 from splatgl.planning.resolve import (
     blur_form,
     check_blur_supported,
@@ -32,13 +35,15 @@ from splatgl.planning.resolve import (
     farthest_pixel,
     samples_per_pixel,
 )
-from splatgl.planning.unused import unused_settings
+from splatgl.readers import load
+from splatgl.splat.extract import extract
 from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.transfer.presets import SOLID, SURFACE, default_transfer, preset, slice_colors
 from splatgl.transfer.transfer import Transfer
+from splatgl.transfer.transfer_nodes import SUFFIXES, load_transfer
 
 # optical depth of the brightest values of a channel along the volume's shortest side, so that matter behind shows
 # through; and the least opacity of a voxel
@@ -549,3 +554,62 @@ def join_pictures(pictures: Sequence[np.ndarray], settings: Settings) -> np.ndar
     if settings.ground is not None:
         added = added + clear[..., None] * np.array([*settings.ground, 1.0], added.dtype)
     return np.asarray(added)
+
+
+Others = Mapping[str, Any]
+
+
+def volume_of(x: Any, _: Others | None = None) -> Volume:
+    """The volume of a file, an address, a built-in scene, an array, or an image of another library."""
+    if isinstance(x, str | Path):
+        return SCENES[str(x)]() if str(x) in SCENES else load(x)
+    if x is None or isinstance(x, Mapping | Camera | Transfer | Settings | Scene | Splats):
+        raise TypeError
+    return Volume.of(x)
+
+
+def scene_of(x: Any, _: Others) -> Scene:
+    """The scene of a plotter."""
+    if not is_scene(x):
+        raise TypeError
+    return Scene.of(x)
+
+
+def splats_of(x: Any, _: Others) -> Splats:
+    """The splats of a volume with its default transfer function."""
+    volume = x if isinstance(x, Volume) else volume_of(x)
+    return extract(volume, default_transfer(volume))
+
+
+def bounded_of(x: Any, _: Others) -> Any:
+    """Something with corners, or a volume."""
+    return x if hasattr(x, "corners") else volume_of(x)
+
+
+def transfer_of(x: Any, others: Others) -> Transfer:
+    """The transfer function of a preset's name or of a file, for the volume among the other arguments; or of fields."""
+    if isinstance(x, Mapping):
+        refuse_unknown("transfer", map(str, x), Transfer.__dataclass_fields__, "names of Transfer's fields")
+        return Transfer(**x)
+    if not isinstance(x, str | Path):
+        raise TypeError
+    volume = next((value for value in others.values() if isinstance(value, Volume)), None)
+    if str(x).endswith(SUFFIXES):
+        return load_transfer(str(x), Grid.of(volume).mean_spacing if volume else 1.0)
+    if volume is None:
+        raise expected("transfer", "a Transfer or its file, as a preset needs a volume", repr(x))
+    return preset(str(x), volume)
+
+
+def camera_of(x: Any, _: Others) -> Camera:
+    """The camera of VTK, PyVista or a plotter."""
+    if not any(hasattr(x, name) for name in ("GetFocalPoint", "GetRenderers", "renderer", "camera")):
+        raise TypeError
+    return Camera.of(x)
+
+
+def settings_of(x: Any, _: Others) -> Settings:
+    """The settings of a mapping of fields."""
+    if not isinstance(x, Mapping):
+        raise TypeError
+    return Settings().but(**x)

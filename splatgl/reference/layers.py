@@ -14,7 +14,7 @@ import numpy as np
 from splatgl.data.mesh import Mesh
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.clipping import FACE, FLUSH
-from splatgl.planning.ordering import back_to_front, order_for
+from splatgl.planning.culling import back_to_front, order_for
 from splatgl.planning.resolve import Resolved
 from splatgl.reference.blend import ADD, Band, Part, pixels
 from splatgl.reference.rays import Boxes, Pixels, index_rays, pair_values, pixel_boxes, pixel_slopes

@@ -17,8 +17,7 @@ from splatgl.coercion import public
 from splatgl.data.image import Image
 from splatgl.geometry.camera import Camera
 from splatgl.planning.bricks import Bricks
-from splatgl.planning.culling import clip_behind_eye
-from splatgl.planning.ordering import back_to_front, order_for
+from splatgl.planning.culling import back_to_front, clip_behind_eye, order_for
 from splatgl.planning.resolve import Appearance, Resolved, attenuation_form, voxel_kernel
 from splatgl.planning.scene import ResolvedScene, Scene, join_pictures, resolve_scene
 from splatgl.reference.blend import ADD, Band, Part, mean_weights, over_background, pixel_means, pixels

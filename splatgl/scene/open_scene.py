@@ -159,7 +159,7 @@ class OpenScene:
     @property
     def fitted(self) -> Bounded:
         """Subject to which a view without an eye is fitted."""
-        from splatgl.planning.opaque_bounds import Opaque
+        from splatgl.planning.culling import Opaque
         from splatgl.planning.resolve import why_per_splat
         from splatgl.splat.extract import why_only_pre
 
@@ -204,7 +204,7 @@ class OpenScene:
 
     def check_masks(self) -> None:
         """Raises InputError if the masks keep only transparent voxels."""
-        from splatgl.planning.opaque_bounds import Opaque
+        from splatgl.planning.culling import Opaque
 
         if self.volume.masks and Opaque(self.volume, self.transfer).nothing:
             fix = "set the points to the values that matter, or take another mask"

@@ -264,7 +264,7 @@ class ViewOptions:
 
     def framed(self, volume: Volume | Splats, subject: Bounded) -> Bounded:
         """The part of a subject that the view is fitted to."""
-        from splatgl.planning.opaque_bounds import Opaque
+        from splatgl.planning.culling import Opaque
         from splatgl.splat.splats import Splats
 
         if self.part is not None:

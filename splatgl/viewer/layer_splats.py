@@ -12,8 +12,7 @@ from splatgl.data.volume import Volume, halve_volume
 from splatgl.geometry.camera import Bounded
 from splatgl.geometry.clipping import Plane, check_planes
 from splatgl.geometry.scissors import Scissors, cut_volume
-from splatgl.planning.culling import eye_is_outside, visible_shell
-from splatgl.planning.opaque_bounds import Opaque
+from splatgl.planning.culling import Opaque, eye_is_outside, visible_shell
 from splatgl.planning.resolve import extraction_kind, why_per_splat
 from splatgl.planning.scene import Layer
 from splatgl.scene.scene_file import SceneFile

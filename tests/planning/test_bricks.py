@@ -24,9 +24,9 @@ from splatgl.geometry.view import GridView
 from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.large_volumes import render_slabs
 from splatgl.planning import bricks as bricking
-from splatgl.planning import opaque_bounds
+from splatgl.planning import culling
 from splatgl.planning.bricks import Bricks, bricks_of, required_bricks
-from splatgl.planning.opaque_bounds import Opaque
+from splatgl.planning.culling import Opaque
 from splatgl.planning.scene import resolve_scene
 from splatgl.readers import chunked, ome_zarr
 from splatgl.readers.chunked import Chunked
@@ -465,7 +465,7 @@ def test_a_view_is_fitted_to_opaque_samples(
     assert np.allclose(cameras[0].eye, cameras[1].eye, rtol=1e-12)
     nothing = Opaque(volume, sg.Transfer([(300.0, 0.0), (301.0, 1.0)]))
     assert np.array_equal(nothing.corners, volume.corners) and np.array_equal(nothing.outline, volume.outline)
-    monkeypatch.setattr(opaque_bounds, "MOST", 100)
+    monkeypatch.setattr(culling, "MOST_EXAMINED", 100)
     assert np.array_equal(Opaque(volume, transfer).outline, volume.outline)
 
 

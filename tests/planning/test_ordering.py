@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.planning import ordering
-from splatgl.planning.ordering import Order, back_to_front, order_for
+from splatgl.planning import culling
+from splatgl.planning.culling import Order, back_to_front, order_for
 from tests.helpers.splatting import SPLATS
 
 
@@ -68,13 +68,13 @@ def test_the_check_sees_a_wrong_order(rng: np.random.Generator, monkeypatch: pyt
     """Front to back is found wrong by the same count: the check can fail."""
     kept, splats = full_grid(np.random.default_rng(3), share=1.0)
     camera = sg.Camera.look_at((200, 100, -300), (0, 0, 0), (0, 1, 0))
-    monkeypatch.setitem(globals(), "back_to_front", lambda s, c: ordering.back_to_front(s, c)[::-1])
+    monkeypatch.setitem(globals(), "back_to_front", lambda s, c: culling.back_to_front(s, c)[::-1])
     wrong, pairs = wrong_pairs(kept, splats, camera)
     assert wrong == pairs > 0
 
 
 def test_no_sort_in_the_order() -> None:
-    assert "sort" not in inspect.getsource(ordering).replace("without a sort", "")
+    assert "sort" not in inspect.getsource(culling).replace("without a sort", "")
 
 
 def test_planes_lie_across_the_view() -> None:

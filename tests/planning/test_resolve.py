@@ -7,8 +7,8 @@ import itertools
 import pytest
 
 import splatgl as sg
+from splatgl.planning.plan import unused_settings
 from splatgl.planning.resolve import Resolved, depth_range
-from splatgl.planning.unused import unused_settings
 from tests.helpers.splatting import SPLATS
 
 # distances of the eye from a ball of 5 voxels, world units: no voxel is smaller than a pixel, and all are

@@ -11,7 +11,7 @@ import pytest
 import splatgl as sg
 from splatgl.animation.camera_track import Swept, turning
 from splatgl.annotations.world_lines import letters
-from splatgl.planning.opaque_bounds import Opaque
+from splatgl.planning.culling import Opaque
 from splatgl.scene.view import ViewOptions
 
 STEP = np.array([2.0, 2.5, 3.0])

@@ -8,7 +8,7 @@ import pytest
 import splatgl as sg
 from splatgl.data.scenes import letter_f
 from splatgl.geometry.view import GridView
-from splatgl.planning.ordering import back_to_front, order_for
+from splatgl.planning.culling import back_to_front, order_for
 from splatgl.planning.resolve import Resolved
 from splatgl.planning.scene import resolve_scene
 from splatgl.reference import rays

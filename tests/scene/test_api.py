@@ -20,7 +20,7 @@ from splatgl import fileio
 from splatgl.animation.animation import Animation
 from splatgl.cli.main import main
 from splatgl.opengl import OpenGL
-from splatgl.planning.opaque_bounds import Opaque
+from splatgl.planning.culling import Opaque
 from splatgl.platforms import has_display
 from splatgl.scene import shared_renderer
 from splatgl.scene.draw import DrawOptions, draw

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.planning.opaque_bounds import Opaque
+from splatgl.planning.culling import Opaque
 from splatgl.transfer.presets import PRESETS, preset, slice_colors
 from splatgl.transfer.statistics import statistics
 

@@ -14,7 +14,7 @@ import splatgl as sg
 from splatgl.gl import sheet_quads, sheet_tiles, target, tiles
 from splatgl.gl.sheet_quads import SheetQuads
 from splatgl.gl.target import Interrupted
-from splatgl.planning.ordering import order_for
+from splatgl.planning.culling import order_for
 from splatgl.reference.field import ray_integral
 from splatgl.splat.kernels import KERNELS, depth_deviation, kernel
 from splatgl.splat.settings import Technique
