@@ -8,13 +8,11 @@ import moderngl
 
 from splatgl.gl.buffers import SplatBuffers, free
 from splatgl.gl.card_lists import CardLists
-from splatgl.gl.features import FieldTextures
-from splatgl.gl.near_sheets import NearSheets
+from splatgl.gl.features import FRAME, STYLE, FieldTextures
 from splatgl.gl.program import Programs
 from splatgl.gl.shader import Shape
 from splatgl.gl.target import Targets
-from splatgl.gl.textures import Tables
-from splatgl.gl.uniforms import FRAME, STYLE
+from splatgl.gl.textures import NearSheets, Tables
 
 
 class Device:

@@ -18,14 +18,12 @@ import numpy as np
 from splatgl.geometry.grid import corners_of
 from splatgl.gl.buffers import Instances, free, texel_texture, uneven
 from splatgl.gl.device import Device
-from splatgl.gl.features import feature_uniforms
+from splatgl.gl.features import base_of, feature_uniforms
 from splatgl.gl.layers import Drawn, Layers, layer_uniforms, union
 from splatgl.gl.program import cover, set_uniforms, use_blend
-from splatgl.gl.quads import CORNERS
-from splatgl.gl.sheet_quads import Group, SheetQuads, sort_by_number
+from splatgl.gl.quads import CORNERS, Group, SheetQuads, sort_by_number
 from splatgl.gl.target import Portions, Target, settle
 from splatgl.gl.tiles import bands_of
-from splatgl.gl.uniforms import base_of
 from splatgl.planning.culling import Window
 from splatgl.planning.plan import Plan
 from splatgl.splat.sheets import NearField, index_direction

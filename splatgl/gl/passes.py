@@ -14,18 +14,17 @@ from splatgl.data.color import light_of_display
 from splatgl.data.mesh import Mesh
 from splatgl.gl.buffers import DrawOrder, free
 from splatgl.gl.device import Device
+from splatgl.gl.features import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.gl.layer_quads import LayerQuads
 from splatgl.gl.layers import Drawn, Layers, LayerTiles, union
 from splatgl.gl.meshes import Limits, Surfaces
 from splatgl.gl.program import cover
-from splatgl.gl.quads import Quads, Streaks
+from splatgl.gl.quads import Quads, SheetQuads, Streaks
 from splatgl.gl.shader import Shape
-from splatgl.gl.sheet_quads import SheetQuads
 from splatgl.gl.sheet_tiles import Batches, SheetTiles
 from splatgl.gl.spared_tiles import AdaptiveSamples, SingleSamples
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.tiles import SplatTiles, Tiles
-from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.planning.culling import Window, clip_behind_eye, order_for, visible_boxes
 from splatgl.planning.plan import Plan
 from splatgl.planning.resolve import END_CORRECTION

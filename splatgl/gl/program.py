@@ -9,9 +9,8 @@ from typing import TypeAlias, cast
 import moderngl
 import numpy as np
 
-from splatgl.gl.features import FIELD_UNITS, features_of
+from splatgl.gl.features import FIELD_UNITS, FRAME_BINDING, STYLE_BINDING, features_of
 from splatgl.gl.shader import ShaderError, Shape, compose, declared_switches
-from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING
 from splatgl.planning.plan import Program
 from splatgl.splat.kernels import kernel, polynomials, single_polynomial
 

@@ -26,12 +26,11 @@ from splatgl.gl.buffers import (
 )
 from splatgl.gl.card_lists import CardLists
 from splatgl.gl.device import Device
-from splatgl.gl.features import Uniforms, feature_uniforms
-from splatgl.gl.near_sheets import NOTHING
+from splatgl.gl.features import Uniforms, base_of, feature_uniforms
 from splatgl.gl.program import set_uniforms
 from splatgl.gl.shader import CONTINUED
 from splatgl.gl.target import Portions, Target
-from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, class_uniforms
+from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, NOTHING, class_uniforms
 from splatgl.gl.tiles import (
     GROUPS,
     LIST_UNIT,
@@ -46,7 +45,6 @@ from splatgl.gl.tiles import (
     tile_counts,
     unlisted_tiles,
 )
-from splatgl.gl.uniforms import base_of
 from splatgl.planning.bricks import IsVisible, Shell
 from splatgl.planning.culling import Frustum, Window, blocks_in_frustum, screen_bounds, tiles_beside_box
 from splatgl.planning.plan import Plan

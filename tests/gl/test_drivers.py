@@ -18,7 +18,7 @@ import pytest
 from driver_table import PICTURES, SCENES, SETTINGS, Subject
 
 import splatgl as sg
-from splatgl.gl import layer_quads, sheet_quads
+from splatgl.gl import layer_quads, quads
 from splatgl.gl.layer_quads import LayerQuads
 from splatgl.planning.culling import Window
 
@@ -108,7 +108,7 @@ def test_bands_of_sheets_make_no_difference(renderer: sg.Renderer, monkeypatch: 
     subject, camera, settings = SUBJECT.scene("meshes")
     settings = settings.but(technique="quads")
     whole = renderer.render(subject, camera, settings).pixels
-    monkeypatch.setattr(sheet_quads, "MOST_PIXELS", 8 * SUBJECT.size[0])
+    monkeypatch.setattr(quads, "MOST_PIXELS", 8 * SUBJECT.size[0])
     np.testing.assert_allclose(renderer.render(subject, camera, settings).pixels, whole, atol=2e-5)
 
 

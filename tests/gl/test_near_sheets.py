@@ -13,7 +13,7 @@ import pytest
 import splatgl as sg
 from splatgl.data.color import srgb_from_linear
 from splatgl.gl import sheet_tiles, tiles
-from splatgl.gl.near_sheets import NearSheets, grid_step
+from splatgl.gl.textures import NearSheets, grid_step
 from splatgl.planning.bricks import Bricks
 from splatgl.splat.sheets import NearField
 from splatgl.transfer.preintegration import ValueClassifier

@@ -10,9 +10,9 @@ import pytest
 
 import splatgl as sg
 from splatgl.gl import shader
+from splatgl.gl.features import FRAME, STYLE
 from splatgl.gl.program import build
 from splatgl.gl.shader import ShaderError, compose, folder
-from splatgl.gl.uniforms import FRAME, STYLE
 from tests.helpers.twins import read_again
 
 

@@ -16,9 +16,8 @@ import shader_texts
 from shader_texts import PICTURES, Text, plan_of, programs, splats
 
 import splatgl as sg
-from splatgl.gl.features import FEATURES
+from splatgl.gl.features import FEATURES, FRAME, STYLE
 from splatgl.gl.shader import SHAPES, compose, declared_switches, folder
-from splatgl.gl.uniforms import FRAME, STYLE
 from tests.helpers.covering import covering
 
 COMPILER = "glslangValidator"

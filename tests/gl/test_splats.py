@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.gl.features import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.gl.program import build, splat_switches
-from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.planning.plan import Plan
 from splatgl.splat.kernels import kernel
 from tests.helpers.noise import scale

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.gl.features import box_uniforms
-from splatgl.gl.uniforms import base_of
+from splatgl.gl.features import base_of, box_uniforms
 from splatgl.reference.layers import BoxRays, BoxScene, Passed
 from tests.helpers.boxes import noise as labels_of_noise
 from tests.helpers.boxes import splats_of

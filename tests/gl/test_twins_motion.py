@@ -7,7 +7,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.geometry.view import GridView, tangents
-from splatgl.gl.uniforms import frame_block
+from splatgl.gl.features import frame_block
 from splatgl.planning.plan import Plan
 from splatgl.splat.footprint import table_quad
 from splatgl.splat.motion import FAR, NEAREST, Streaks, eye_point, streak_of, streaks

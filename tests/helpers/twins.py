@@ -16,10 +16,9 @@ import pytest
 import splatgl as sg
 from splatgl.geometry.view import GridView
 from splatgl.gl import shader
-from splatgl.gl.features import FIELD_UNITS, feature_uniforms
+from splatgl.gl.features import FIELD_UNITS, FRAME_BINDING, STYLE_BINDING, feature_uniforms, frame_block, style_block
 from splatgl.gl.program import build, splat_switches
 from splatgl.gl.textures import BLUR_UNIT, FOOTPRINT_UNIT, HALF_LINE_UNIT
-from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.planning.plan import Plan
 
 COUNT = 2000

@@ -11,7 +11,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.gl import sheet_quads, sheet_tiles, tiles
+from splatgl.gl import quads, sheet_tiles, tiles
 from splatgl.gl.target import Interrupted
 from splatgl.reference.blend import join_values, joined_value
 from splatgl.reference.field import field_integral
@@ -121,7 +121,7 @@ def test_quads_in_bands_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest
         camera = eyes(splats)[view]
         whole = renderer.render(splats, camera, settings, verify_bound=False).pixels
         with monkeypatch.context() as patched:
-            patched.setattr(sheet_quads, "MOST_PIXELS", rows * camera.size[0])
+            patched.setattr(quads, "MOST_PIXELS", rows * camera.size[0])
             # a ring with more rows would serve
             renderer.free()
             answers = iter([*[False] * 30, True])
@@ -129,7 +129,7 @@ def test_quads_in_bands_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest
                 renderer.render(splats, camera, settings, interrupted=partial(next, answers))
             found = renderer.render(splats, camera, settings, verify_bound=False).pixels
             drawing = renderer.passes.techniques["sheets in quads"]
-            assert isinstance(drawing, sheet_quads.SheetQuads) and drawing.ring is not None
+            assert isinstance(drawing, quads.SheetQuads) and drawing.ring is not None
             assert (drawing.ring.kind.size, drawing.ring.kind.rows) == (camera.size, rows)
         assert whole[..., 3].max() > 0.1 and np.abs(found - whole).max() < 2e-5
 
@@ -170,13 +170,13 @@ def test_a_constant_is_what_the_transfer_function_says(renderer: sg.Renderer, gr
             twin, four = (
                 sg.reference.render(splats, camera, settings.but(**changes)).pixels for changes in ({}, {"sheets": 4})
             )
-            drawn, quads = (
+            drawn, by_quads = (
                 renderer.render(splats, camera, settings.but(technique=technique), verify_bound=False).pixels
                 for technique in TECHNIQUES
             )
             seen = field[..., 3] > 0
             assert seen.any() and not seen.all()
-            for found, allowed in ((field, 1e-9), (twin, 1e-9), (four, 1e-9), (drawn, 1e-4), (quads, 1e-4)):
+            for found, allowed in ((field, 1e-9), (twin, 1e-9), (four, 1e-9), (drawn, 1e-4), (by_quads, 1e-4)):
                 assert np.abs(found[seen] - right).max() < allowed
                 assert (found[~seen] == 0).all()
 

@@ -16,7 +16,7 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.gl import sheet_tiles, tiles
-from splatgl.gl.sheet_quads import first_sheets
+from splatgl.gl.quads import first_sheets
 from splatgl.planning.culling import tiles_beside_box
 from splatgl.planning.scene import resolve_scene
 from splatgl.reference.rays import Rays

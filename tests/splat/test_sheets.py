@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.gl import sheet_quads, sheet_tiles, target, tiles
-from splatgl.gl.sheet_quads import SheetQuads
+from splatgl.gl import quads, sheet_tiles, target, tiles
+from splatgl.gl.quads import SheetQuads
 from splatgl.gl.target import Interrupted
 from splatgl.planning.culling import order_for
 from splatgl.reference.field import ray_integral
@@ -211,7 +211,7 @@ def test_quads_leave_out_sheets_without_splats(
         chosen = renderer.plan(splats, camera, settings)
         assert chosen.resolved.sheets is not None
         first, _ = chosen.resolved.sheets.range(splats, chosen.view)
-        firsts = set(sheet_quads.first_sheets(splats, chosen.resolved.sheets, chosen.view, first).tolist())
+        firsts = set(quads.first_sheets(splats, chosen.resolved.sheets, chosen.view, first).tolist())
         sheets.clear()
         assert apart(renderer, splats, camera, settings) < 4e-6
         assert sheets == sorted(set(sheets)) and len(sheets) < sheets[-1] - sheets[0] + 1
@@ -223,8 +223,8 @@ def test_the_order_of_quads_is_kept_while_the_eye_stays(renderer: sg.Renderer, m
     splats, camera = matter(), views(matter())["fitted"]
     settings = EXACT.but(technique="quads")
     sorted_: list[int] = []
-    sort = sheet_quads.sort_by_number
-    monkeypatch.setattr(sheet_quads, "sort_by_number", lambda *given: (sorted_.append(1), sort(*given))[1])
+    sort = quads.sort_by_number
+    monkeypatch.setattr(quads, "sort_by_number", lambda *given: (sorted_.append(1), sort(*given))[1])
     renderer.free()
     turned = sg.Camera.look_at(camera.eye, splats.corners.mean(axis=0) + 0.3, (0, 0, 1), 25, (20, 28))
     moved = sg.Camera.look_at(camera.eye + 0.3, splats.corners.mean(axis=0), (0, 0, 1), 25, (20, 28))
