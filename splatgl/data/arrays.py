@@ -26,7 +26,7 @@ from splatgl.options import refuse_unknown
 
 # root module of a type, or of one of its bases → its function; others are arrays
 _SOURCES = {
-    "h5py": "splatgl.readers.hdf5_parts.of_dataset",
+    "h5py": "splatgl.readers.hdf5_files.of_dataset",
     "xarray": "splatgl.data.arrays.of_xarray",
     "SimpleITK": "splatgl.data.arrays.of_simpleitk",
     "nibabel": "splatgl.data.arrays.of_nibabel",

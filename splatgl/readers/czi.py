@@ -24,7 +24,7 @@ from splatgl.errors import expected, import_extra
 from splatgl.readers.channels import Channel, parse_window
 from splatgl.readers.chunked import OneFile
 from splatgl.readers.common import MAX_BYTES, decoder_errors, parse_number, require_bytes, require_plausible
-from splatgl.readers.dicom_pixels import check_picture
+from splatgl.readers.dicom_frames import check_picture
 from splatgl.readers.microscopes import Image, Planes, check_planes, even_spacing, read_image
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import list_series

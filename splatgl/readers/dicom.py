@@ -21,10 +21,18 @@ from splatgl.data.volume import Triple, Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers import dicom_segments
-from splatgl.readers.dicom_frames import TIMES, ULTRASOUND_VOLUME, Frame, list_frames, slice_normal
+from splatgl.readers.dicom_frames import (
+    TIMES,
+    ULTRASOUND_VOLUME,
+    Frame,
+    check_header,
+    decode_frames,
+    is_color,
+    list_frames,
+    slice_normal,
+)
 from splatgl.readers.dicom_headers import Header, find_sources, read_header
-from splatgl.readers.dicom_pixels import check_header, decode_frames, is_color
-from splatgl.readers.dicom_suv import ANGIOGRAM, value_hints
+from splatgl.readers.dicom_vendors import ANGIOGRAM, value_hints
 from splatgl.readers.options import LoadOptions
 
 

@@ -17,8 +17,7 @@ import numpy as np
 from splatgl.data.affine import value_unit_name
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.readers.common import require_plausible
-from splatgl.readers.dicom_siemens import SIEMENS_TAGS, Mosaic, find_mosaic
-from splatgl.readers.dicom_suv import SUV, SUV_TAGS, is_angiogram, suv_factor
+from splatgl.readers.dicom_vendors import SIEMENS_TAGS, SUV, SUV_TAGS, Mosaic, find_mosaic, is_angiogram, suv_factor
 
 SUFFIXES = (".dcm", ".dicom", ".ima")
 MAGIC, MAGIC_AT = b"DICM", 128

@@ -17,7 +17,7 @@ from splatgl.errors import expected
 from splatgl.fileio import byte_count
 from splatgl.readers.channels import Channel, ChannelSet, hex_color
 from splatgl.readers.common import require_bytes
-from splatgl.readers.dicom_frames import Frame, list_frames, slice_normal
+from splatgl.readers.dicom_frames import Frame, check_header, decode_frames, find_decoder, list_frames, slice_normal
 from splatgl.readers.dicom_headers import (
     Header,
     Source,
@@ -27,7 +27,6 @@ from splatgl.readers.dicom_headers import (
     read_dataset,
     read_header,
 )
-from splatgl.readers.dicom_pixels import check_header, decode_frames, find_decoder
 from splatgl.readers.options import LoadOptions
 
 # kinds of files that are read here, and their tags besides those of images

@@ -1,4 +1,4 @@
-"""HDF5 and NetCDF-4 datasets.
+"""Datasets of HDF5 and NetCDF as volumes.
 
 The last three axes are z, y, x unless dimension labels, ilastik's "axistags", names of coordinates or the program's
 layout say otherwise. Spacing comes from coordinates, else from attributes; it is never guessed. NetCDF's packed and
@@ -6,11 +6,15 @@ missing values are unpacked (CF conventions 1.11, sections 2.5.1 and 8.1).
 
 An HDF5 file can refer to others (external links, external storage, virtual datasets): they are read only if that is
 permitted. Only filters with bounded results are run.
+
+Format: "NetCDF classic file format specifications", docs.unidata.ucar.edu. The library reads zeros beyond the end of a
+file that is cut short, so sizes are checked first.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -32,8 +36,8 @@ from splatgl.data.affine import (
 from splatgl.data.arrays import Transposed
 from splatgl.data.times import Times, seconds_in
 from splatgl.data.volume import Volume
-from splatgl.errors import Choice, InputError, expected
-from splatgl.readers import vtkhdf
+from splatgl.errors import Choice, InputError, expected, import_extra
+from splatgl.readers import hdf5_layouts
 from splatgl.readers.channels import (
     COLOR_NOTE,
     MAGNITUDE_NOTE,
@@ -44,7 +48,7 @@ from splatgl.readers.channels import (
     split_components,
 )
 from splatgl.readers.chunked import CF_NUMBERS, Magnitude, Packing
-from splatgl.readers.common import array_fields, decoder_errors
+from splatgl.readers.common import array_fields, decoder_errors, require_bytes
 from splatgl.readers.hdf5_files import (
     MOST_VALUES,
     attribute_numbers,
@@ -54,9 +58,10 @@ from splatgl.readers.hdf5_files import (
     find_node,
     has_numbers,
     open_hdf5,
+    probe,
+    read_samples,
 )
 from splatgl.readers.hdf5_layouts import Scale, axis_scales, default_dataset, layout_grid, layout_kinds
-from splatgl.readers.hdf5_parts import read_samples
 from splatgl.readers.options import LoadOptions
 
 # attributes with the steps along a dataset's axes in their order, or one step for all; the first attribute counts
@@ -78,16 +83,16 @@ def read(path: Path, options: LoadOptions) -> Volume:
     file = open_hdf5(path)
     # a file's contents are untrusted: any failure is attributed to the file
     with decoder_errors("HDF5"):
-        if find_node(file, vtkhdf.ROOT, anywhere=False) is not None and options.array is None:
-            return vtkhdf.read_image(path, file, options)
+        if find_node(file, hdf5_layouts.ROOT, anywhere=False) is not None and options.array is None:
+            return hdf5_layouts.read_image(path, file, options)
         if options.array is None:
             nodes = find_datasets(file)
             dataset, notes = choose_dataset(nodes, partial(default_dataset, file))
         else:
             dataset, notes = find_node(file, str(options.array), options.anywhere), ()
             if not hasattr(dataset, "shape") or not has_numbers(dataset):
-                if find_node(file, vtkhdf.ROOT, anywhere=False) is not None:
-                    return vtkhdf.read_image(path, file, options)
+                if find_node(file, hdf5_layouts.ROOT, anywhere=False) is not None:
+                    return hdf5_layouts.read_image(path, file, options)
                 raise array_error(find_datasets(file), dataset, options)
         return read_dataset(path, dataset, options, notes)
 
@@ -345,3 +350,91 @@ def _steps(numbers: np.ndarray | None, count: int, axes: list[int]) -> list[floa
     if numbers.size == count > 3:
         numbers = numbers[axes]
     return numbers.tolist() if numbers.size == 3 and (numbers > 0).all() else None
+
+
+# first bytes of the three versions
+STARTS = (b"CDF\x01", b"CDF\x02", b"CDF\x05")
+
+
+def read_netcdf(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a variable: `array` names it, else it is the only one that may be a volume; options as in HDF5."""
+    with decoder_errors("NetCDF"):
+        variables = _open(path)
+        if options.array is None:
+            variable, _ = choose_dataset(variables)
+        else:
+            variable = variables.get("/" + str(options.array).strip("/"))
+            if variable is None or not has_numbers(variable):
+                raise array_error(variables, variable, options)
+        return read_dataset(path, variable, options)
+
+
+def list_variables(path: Path) -> list[str]:
+    """A line per variable, as `hdf5.list_datasets`."""
+    with decoder_errors("NetCDF"):
+        return describe_datasets(_open(path))
+
+
+class _Attributes(dict[str, Any]):
+    """Attributes with the method by which h5py's are asked for their shape."""
+
+    def get_id(self, name: str) -> np.ndarray:
+        return np.asarray(self[name])
+
+
+class _Variable:
+    """A variable with h5py's names for a dataset; scales: the coordinates of each axis, None without any."""
+
+    chunks = None
+
+    def __init__(self, variable: Any) -> None:
+        self.variable, self.name, self.shape = variable, f"/{variable.name}", tuple(map(int, variable.shape))
+        self.dtype = np.dtype(variable.dtype)
+        self.attrs = _Attributes({name: variable.getncattr(name) for name in variable.ncattrs()})
+        self.attrs["DIMENSION_LABELS"] = list(variable.dimensions)
+        self.scales: list[Scale | None] = []
+
+    def __getitem__(self, key: Any) -> np.ndarray:
+        return np.asarray(self.variable[key])
+
+
+def _open(path: Path) -> dict[str, Any]:
+    """The variables of a file by name. Raises InputError for a file that is cut short."""
+    netcdf = import_extra("netCDF4", "NetCDF-3 files", "netCDF4", "netcdf")
+    probe(path)
+    file = netcdf.Dataset(path, "r")
+    # stored numbers, not masked or scaled ones
+    file.set_auto_maskandscale(False)
+    require_bytes(_least_bytes(file), path.stat().st_size)
+    nodes = {name: _Variable(variable) for name, variable in file.variables.items()}
+    for node in nodes.values():
+        known = [nodes.get(name) for name in node.variable.dimensions]
+        node.scales = [None if scale is None else Scale(scale, scale.name[1:]) for scale in known]
+    return {node.name: node for node in nodes.values()}
+
+
+def _least_bytes(file: Any) -> int:
+    """Bytes that the header and the samples take at least, by the format's specification."""
+    word = 8 if file.data_model == "NETCDF3_64BIT_DATA" else 4
+    offset = 4 if file.data_model == "NETCDF3_CLASSIC" else 8
+    size = 4 + word + 3 * (4 + word)
+    size += sum(2 * word + _padded(len(name.encode())) for name in file.dimensions)
+    size += _attribute_bytes(file, word)
+    for name, variable in file.variables.items():
+        size += 2 * word + _padded(len(name.encode())) + word * len(variable.dimensions)
+        size += 4 + word + _attribute_bytes(variable, word) + 4 + word + offset
+        size += math.prod(map(int, variable.shape)) * np.dtype(variable.dtype).itemsize
+    return size
+
+
+def _attribute_bytes(owner: Any, word: int) -> int:
+    total = 0
+    for name in owner.ncattrs():
+        value = owner.getncattr(name)
+        size = len(value.encode()) if isinstance(value, str) else np.asarray(value).nbytes
+        total += 4 + 2 * word + _padded(len(name.encode())) + _padded(size)
+    return total
+
+
+def _padded(size: int) -> int:
+    return -(-size // 4) * 4

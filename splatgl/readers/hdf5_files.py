@@ -1,16 +1,36 @@
-"""HDF5 files: opens them after a probe in another process, and finds their datasets and attributes."""
+"""HDF5 files: opened safely, and their datasets read in parts.
+
+Only filters that h5py or hdf5plugin have are run; a chunk that states a larger size than it can have is refused.
+"""
 
 from __future__ import annotations
 
+import io
 import math
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from importlib import import_module
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from splatgl.data.arrays import of_array
+from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import InputError, expected, import_extra
-from splatgl.fileio import decode_text
-from splatgl.readers.common import decoder_errors, run_elsewhere
+from splatgl.fileio import WHOLE_BYTES, byte_count, decode_text, held_within_budget
+from splatgl.readers.chunked import Chunked, OneFile, Packing
+from splatgl.readers.common import (
+    DEFLATE_RATIO,
+    MAX_BYTES,
+    decoder_errors,
+    inflated_size,
+    map_array,
+    require_bytes,
+    require_plausible,
+    run_elsewhere,
+)
 
 # most objects that are visited, soft links to one object, and numbers of an attribute or a dimension scale
 _MOST_OBJECTS, _MOST_LINKS, MOST_VALUES = 10_000, 32, 2**20
@@ -156,3 +176,196 @@ def external_error(name: str, where: str) -> InputError:
     """The error for data of `name` that are in another file, `where`."""
     fix = "copy it there with h5repack, or say --anywhere if you trust it"
     return expected(name, "data in this file", f"data elsewhere ({where})", fix)
+
+
+# filters by number that come with h5py; those of hdf5plugin, and others that have a name
+_FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 4: "szip", 6: "scaleoffset", 32000: "lzf"}
+_PLUGINS = {
+    **{307: "bzip2", 32001: "blosc", 32004: "lz4", 32008: "bitshuffle", 32013: "zfp", 32015: "zstd", 32017: "sz"},
+    **{32018: "fcidecomp", 32024: "sz3", 32026: "blosc2", 32028: "sperr", 32033: "htj2k"},
+}
+_NAMES = _FILTERS | _PLUGINS | {5: "nbit", 305: "lzo", 32014: "fpzip", 32016: "b3d", 32019: "jpeg"}
+_GZIP, _FLETCHER32, _SCALEOFFSET = 1, 3, 6
+# of filters that allocate what a chunk's first bytes state: the place of that size, and its byte order
+_STATED: dict[int, tuple[slice, Literal["little", "big"]]] = {
+    4: (slice(0, 4), "little"),
+    32001: (slice(4, 8), "little"),
+    **dict.fromkeys((32004, 32008), (slice(0, 8), "big")),
+}
+
+# least bytes that are read together, if the file's chunks are smaller
+_PART_BYTES = 2**20
+
+
+def read_samples(
+    path: Path, dataset: Any, index: Sequence[int | slice], anywhere: bool, packed: Packing | None = None
+) -> np.ndarray | Chunked:
+    """The part `index` of a dataset, as [D, H, W]: mapped, read, or from WHOLE_BYTES on read in parts.
+
+    Slices of the index begin at 0. Raises InputError for data that must not be decoded.
+    """
+    is_hdf5 = hasattr(dataset, "id")
+    if is_hdf5:
+        _check_storage(dataset, anywhere)
+    if is_hdf5 and anywhere:
+        # links may lead to another file
+        path = Path(dataset.file.filename)
+    offset = dataset.id.get_offset() if is_hdf5 and not (dataset.external or dataset.chunks) else None
+    if offset is not None and packed is None:
+        return map_array(path, int(offset), dataset.dtype, dataset.shape)[tuple(index)]
+    part = (_DatasetPart if is_hdf5 else _Part)(path, dataset, index, packed)
+    if byte_count(part.free, part.dtype) > held_within_budget(WHOLE_BYTES):
+        return Chunked(str(path), part, part.index, part, "HDF5" if is_hdf5 else "NetCDF")
+    if is_hdf5 and not anywhere:
+        require_plausible(byte_count(part.free, dataset.dtype), dataset.id.get_storage_size(), bounded=False)
+    return part[part.index]
+
+
+def _check_storage(dataset: Any, anywhere: bool) -> None:
+    """Raises InputError for data in other files, for filters with unbounded results, and for very large chunks."""
+    if not anywhere and (dataset.external or dataset.is_virtual):
+        raise external_error(dataset.name, dataset.external[0][0] if dataset.external else "a virtual dataset")
+    _check_filters(dataset)
+    chunk = byte_count(dataset.chunks or (), dataset.dtype)
+    if chunk > MAX_BYTES:
+        fix = "repack it with smaller ones: h5repack -l CHUNK=64x64x64 OLD NEW"
+        raise expected("chunks", f"at most {MAX_BYTES} bytes each", chunk, fix)
+
+
+def _filters(dataset: Any) -> list[tuple[int, tuple[int, ...], str]]:
+    """Number, parameters and name of each filter of a dataset, in the order in which they were applied."""
+    stated = dataset.id.get_create_plist()
+    filters = [stated.get_filter(number) for number in range(stated.get_nfilters())]
+    return [
+        (code, values, _NAMES.get(code) or "".join(filter(str.isprintable, decode_text(name)))[:40])
+        for code, _, values, name in filters
+    ]
+
+
+def _check_filters(dataset: Any) -> None:
+    """Raises InputError for filters that are not installed, or whose results are not bounded."""
+    filters = _filters(dataset)
+    codes = [code for code, _, _ in filters]
+    if any(code in _PLUGINS for code in codes):
+        # it registers its filters when it is imported
+        with suppress(ImportError):
+            import_module("hdf5plugin")
+    missing = [f"{name} ({code})".strip() for code, _, name in filters if not _is_available(code)]
+    if missing or max(map(codes.count, codes), default=1) > 1:
+        known = ", ".join(name for code, name in _FILTERS.items() if _is_available(code))
+        can = any(code in _PLUGINS for code in codes if not _is_available(code))
+        fix = "install hdf5plugin: pip install 'splatgl[hdf5-filters]'; or " * can
+        got = ", ".join(missing) or "one of them twice"
+        raise expected("filters", known, got, f"{fix}repack it with: h5repack -f GZIP=4 OLD NEW")
+    for code, values, _ in filters:
+        # numbers and bytes of a chunk, which it allocates
+        size = (math.prod(dataset.chunks or ()), dataset.dtype.itemsize)
+        if code == _SCALEOFFSET and (len(values) < 5 or (values[2], values[4]) != size):
+            raise expected("scaleoffset", "the chunk's size", values[2:5], "the file is damaged")
+
+
+def of_dataset(x: Any, options: ArrayOptions) -> Volume:
+    """The volume of a dataset of h5py. Raises InputError as `read_samples` for filters that are not installed."""
+    if hasattr(x, "chunks"):
+        _check_filters(x)
+    return of_array(x, options)
+
+
+def _is_available(code: int) -> bool:
+    """Whether a known filter is there."""
+    import h5py
+
+    return (code in _FILTERS or code in _PLUGINS) and bool(h5py.h5z.filter_avail(code))
+
+
+class _Part(OneFile):
+    """An array with h5py's names for `Chunked`, and its file."""
+
+    fill_value: Any = 0
+
+    def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: Packing | None) -> None:
+        super().__init__(path)
+        self.dataset, self.index, self.packed = dataset, tuple(index), packed
+        ends = zip(self.index, dataset.shape, strict=True)
+        self.shape = tuple(size if isinstance(at, int) or at.stop is None else at.stop for at, size in ends)
+        self.free = [size for size, at in zip(self.shape, self.index, strict=True) if isinstance(at, slice)]
+        self.dtype = np.dtype(np.float32) if packed else np.dtype(dataset.dtype)
+        self.stored = tuple(dataset.chunks or ())
+        self.chunks = self._joined()
+
+    def _joined(self) -> tuple[int, ...]:
+        """Samples along each axis that are read together: one chunk of the file, or several small ones."""
+        sizes = list(self.stored or (1,) * len(self.shape))
+        while byte_count(sizes, self.dtype) <= _PART_BYTES // 2:
+            short = [
+                axis for axis, at in enumerate(self.index) if isinstance(at, slice) and sizes[axis] < self.shape[axis]
+            ]
+            if not short:
+                break
+            # the shortest axis; of equal ones the faster one in the file
+            axis = min(short, key=lambda axis: (sizes[axis], -axis))
+            sizes[axis] *= 2
+        return tuple(sizes)
+
+    def _values(self, stored: np.ndarray) -> np.ndarray:
+        return stored if self.packed is None else self.packed.values(stored)
+
+    def __getitem__(self, key: tuple[int | slice, ...]) -> np.ndarray:
+        return self._values(np.asarray(self.dataset[key]))
+
+    def tag(self) -> str:
+        """The path, size and time of the file, and the dataset in it."""
+        return f"{super().tag()} {self.dataset.name} {self.packed}"
+
+
+class _DatasetPart(_Part):
+    """A dataset of HDF5 for `Chunked`; each chunk is checked before HDF5 decodes it."""
+
+    def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: Packing | None) -> None:
+        super().__init__(path, dataset, index, packed)
+        self.empty = not dataset.is_virtual and not dataset.external and not dataset.id.get_storage_size()
+        codes = [code for code, _, _ in _filters(dataset) if code != _FLETCHER32]
+        # the filter that was applied last, whose result is stored
+        self.last, self.number = (codes[-1], len(codes) - 1) if codes else (0, 0)
+        self.checked = self.last == _GZIP or self.last in _STATED
+        with decoder_errors("HDF5"):
+            self.fill_value = self._values(np.asarray(dataset.fillvalue)[None])[0]
+
+    def __getitem__(self, key: tuple[int | slice, ...]) -> np.ndarray:
+        with decoder_errors("HDF5"):
+            for place in self._touched(key) if self.checked else ():
+                self._check_chunk(place)
+            return super().__getitem__(key)
+
+    def _touched(self, key: tuple[int | slice, ...]) -> Iterable[tuple[int, ...]]:
+        """Index of the first sample of each chunk of the file that is to be read."""
+        ends = [(at, at + 1) if isinstance(at, int) else (at.start or 0, at.stop) for at in key]
+        return product(
+            *(
+                range(low - low % step, size if high is None else high, step)
+                for (low, high), size, step in zip(ends, self.shape, self.stored, strict=True)
+            )
+        )
+
+    def _check_chunk(self, place: tuple[int, ...]) -> None:
+        """Raises InputError if the chunk expands beyond its size."""
+        chunk = self.dataset.id.get_chunk_info_by_coord(place)
+        if chunk.byte_offset is None or (self.last == _GZIP and chunk.size * DEFLATE_RATIO <= MAX_BYTES):
+            return
+        require_bytes(chunk.size, self.path.stat().st_size)
+        room = byte_count(self.stored, self.dataset.dtype)
+        skipped, data = self.dataset.id.read_direct_chunk(place)
+        if self.last == _GZIP:
+            size = inflated_size(io.BytesIO(data), room)
+        else:
+            where, order = _STATED[self.last]
+            size = 0 if skipped >> self.number & 1 else int.from_bytes(data[where], order)
+        if size > room:
+            raise expected("chunk", f"{room} bytes", "more", "the file is damaged")
+
+    def holds(self, place: Sequence[int]) -> bool:
+        """Whether the file may store the samples that are read together there."""
+        if self.empty or self.chunks != self.stored:
+            return not self.empty
+        begin = tuple(at - at % size for at, size in zip(place, self.stored, strict=True))
+        return self.dataset.id.get_chunk_info_by_coord(begin).byte_offset is not None

@@ -1,7 +1,13 @@
-"""Layouts of programs in HDF5: axes and grids of NetCDF, EMD, NeXus, MATLAB, ITK, EMAN2, Chimera and Velox.
+"""Layouts of HDF5 files: axes by names and attributes, VTK's image data, and Imaris.
 
 Sources: "NeXus: NXdata" (manual.nexusformat.org); "EMD file format" (emdatasets.com) and emdfile; MATLAB's "MAT-file
 versions" (rows run fastest, which HDF5 lists last); ITK's HDF5ImageIO; EMAN2's and UCSF Chimera's descriptions of HDF5.
+
+Format: "VTKHDF file format", docs.vtk.org. Arrays are [z, y, x] or [z, y, x, components], with time before them if the
+file has steps; a point's index counts from index 0, and Direction is listed row by row.
+
+Layout: "Imaris 5.5 file format", imaris.oxinst.com. Attributes hold numbers as letters; a level's dataset is padded to
+whole chunks, and its group states the image's size. All levels span the box from ExtMin to ExtMax.
 """
 
 from __future__ import annotations
@@ -9,14 +15,20 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import Lattice, axis_kind
-from splatgl.data.times import seconds_in
-from splatgl.readers.channels import is_color_rule
+from splatgl.data.affine import Lattice, axis_kind, volume_on_grid
+from splatgl.data.times import Times, seconds_in
+from splatgl.data.volume import Lengths, Volume
+from splatgl.errors import expected
+from splatgl.fileio import byte_count, require_memory
+from splatgl.readers.channels import Channel, ChannelSet, hex_color, is_color_rule, mark_microscope, parse_window
+from splatgl.readers.common import Shape, convert_words, decoder_errors, grid_shape, parse_number
 from splatgl.readers.hdf5_files import (
     attribute_numbers,
     attribute_text,
@@ -24,7 +36,11 @@ from splatgl.readers.hdf5_files import (
     dimension_scales,
     find_node,
     has_real_numbers,
+    open_hdf5,
+    read_samples,
 )
+from splatgl.readers.options import PARAVIEW, LoadOptions
+from splatgl.readers.vtk_legacy import PointArray, count_cells, select_arrays
 
 # most groups from the root to NeXus' default data; most bytes of Velox' description of an image
 _DEPTH, _MOST_BYTES = 8, 2**20
@@ -208,3 +224,189 @@ def default_dataset(file: Any, names: Sequence[str]) -> str | None:
 
 def _is_signal(dataset: Any) -> bool:
     return "signal" in dataset.attrs or attribute_text(dataset.parent, "signal") == _last_name(dataset)
+
+
+# surfaces in the format
+SURFACE = "it is a surface: save it as .vtp or .stl for --mesh"
+# the group that holds everything
+ROOT = "VTKHDF"
+# most time steps, and arrays of a grid
+_MOST_STEPS, _MOST_ARRAYS = 2**20, 10_000
+
+
+def read_image(path: Path, file: Any, options: LoadOptions) -> Volume:
+    """The volume in an open file; `array` names an array, `time` picks a step, `channel` a component."""
+    root = find_node(file, ROOT, anywhere=False)
+    kind = attribute_text(root, "Type")
+    if kind != "ImageData":
+        raise expected(
+            ROOT,
+            "ImageData",
+            repr(kind),
+            SURFACE if kind == "PolyData" else PARAVIEW,
+        )
+    extent, *stated = (
+        _read_numbers(root, name, default)
+        for name, default in (("WholeExtent", []), ("Direction", np.eye(3)), ("Spacing", [1] * 3), ("Origin", [0] * 3))
+    )
+    if extent.size != 6:
+        raise expected("WholeExtent", "six numbers", extent.size)
+    low = extent[::2]
+    shape = grid_shape([int(end - begin) + 1 for begin, end in zip(low, extent[1::2], strict=True)], "WholeExtent")
+    steps = attribute_numbers(find_node(file, f"{ROOT}/Steps", anywhere=False) or root, "NSteps")
+    timed = steps is not None and steps.size == 1
+    times = int(np.clip(np.nan_to_num(steps[0]), 1, _MOST_STEPS)) if steps is not None and timed else 1
+    values: Any = find_node(file, f"{ROOT}/Steps/Values", options.anywhere) if timed else None
+    has_times = hasattr(values, "shape") and values.shape == (times,) and has_real_numbers(values)
+    moments = Times.of(np.asarray(values[:], np.float64)) if has_times else None
+    direction, spacing, origin = stated
+    matrix = direction.reshape(3, 3) * spacing
+
+    def read_step(_: int | None) -> Volume:
+        time = (options.point) if timed else None
+        points = _find_arrays(path, root, "PointData", shape, time, options)
+        cells = _find_arrays(path, root, "CellData", count_cells(shape), time, options)
+        choice = select_arrays(points, cells, options)
+        return choice.volume(matrix, origin + matrix @ low, shape, "Direction and Spacing")
+
+    return ChannelSet(times=times, moments=moments, components=2**20).volume(options, read_step)
+
+
+def _read_numbers(root: Any, name: str, default: Any) -> np.ndarray:
+    """The numbers of an attribute. Raises InputError for another count than in the default, if that has any."""
+    numbers, standard = attribute_numbers(root, name), np.ravel(np.asarray(default, np.float64))
+    numbers = standard if numbers is None else numbers
+    if standard.size not in (0, numbers.size) or not (np.abs(numbers) < 1e30).all():
+        raise expected(name, f"{standard.size or 6} finite numbers", numbers.size, "the header is damaged")
+    return numbers
+
+
+def _find_arrays(
+    path: Path, root: Any, group: str, shape: Shape, time: int | None, options: LoadOptions
+) -> list[PointArray]:
+    """The arrays of points or of cells that have the grid's shape. time: the step of arrays of several, or None."""
+    owner = find_node(root.file, f"{ROOT}/{group}", anywhere=False)
+    names = list(owner)[:_MOST_ARRAYS] if hasattr(owner, "keys") else []
+    arrays = []
+    for name in names:
+        node = find_node(root.file, f"{ROOT}/{group}/{name}", options.anywhere)
+        if not hasattr(node, "shape") or not has_real_numbers(node):
+            continue
+        sizes = node.shape if time is None else node.shape[1:]
+        if sizes[:3] != shape or len(sizes) > 4 or (time is not None and time >= node.shape[0]):
+            continue
+        components = sizes[3] if len(sizes) == 4 else 1
+        vectors = components == 3 and not (node.dtype == np.uint8 or attribute_text(node, "Attribute") == "Scalars")
+        index: list[int | slice] = [slice(None)] * len(node.shape)
+        if time is not None:
+            index[0] = time
+        read = partial(_read_array, path, node, index, (*shape, components), options)
+        arrays.append(PointArray(name, components, vectors, read, node.dtype))
+    return arrays
+
+
+def _read_array(path: Path, node: Any, index: Sequence[int | slice], shape: Any, options: LoadOptions) -> np.ndarray:
+    """An array [D, H, W, components]; mapped where it is stored in one piece."""
+    samples = read_samples(path, node, index, options.anywhere)
+    if not isinstance(samples, np.ndarray):
+        require_memory(byte_count(shape, node.dtype), node.id.get_storage_size())
+        samples = samples[:]
+    return samples.reshape(shape)
+
+
+# most levels; each has at most half the voxels of the level before
+_MOST = 64
+# most time points or channels
+_MOST_ENTRIES = 100_000
+
+
+def read_imaris(path: Path, options: LoadOptions) -> Volume:
+    """The volume of an Imaris file with its coarser levels.
+
+    `channel` picks channels, `time` a time point, `level` a level. Samples of more than WHOLE_BYTES are read in parts.
+    """
+    file = open_hdf5(path)
+    with decoder_errors("Imaris"):
+        # 1. the image
+        finest = _find_group(file, "DataSet/ResolutionLevel 0")
+        times = _count_groups(finest, "TimePoint")
+        channels = _count_groups(_find_group(finest, "TimePoint 0"), "Channel")
+        time = options.time_number(times)
+        # 2. its levels
+        levels = _count_groups(_find_group(file, "DataSet"), "ResolutionLevel", _MOST)
+        wanted = options.level_numbers(levels)
+        # 3. the samples, and the box of all levels
+        image = _find_group(file, "DataSetInfo/Image")
+        channel_set = ChannelSet(tuple(_read_channel(file, n) for n in range(channels)), channels > 1, times)
+
+        def read_one(channel: int | None) -> Volume:
+            place = f"TimePoint {time}/Channel {channel or 0}"
+            whole, *parts = (_find_group(file, f"DataSet/ResolutionLevel {level}/{place}") for level in (0, *wanted))
+            volumes = [_read_volume(path, part, image, options, whole) for part in parts]
+            return replace(volumes[0], coarser=tuple(volumes[1:]))
+
+        return mark_microscope(channel_set.volume(options, read_one))
+
+
+def _read_channel(file: Any, number: int) -> Channel:
+    """A channel's name, colour ("r g b" from 0 to 1) and window, if the file has them."""
+    node = find_node(file, f"DataSetInfo/Channel {number}", anywhere=False)
+    if node is None:
+        return Channel(str(number))
+    color, ends = (attribute_text(node, name).split() for name in ("Color", "ColorRange"))
+    parts = [parse_number(part) for part in color]
+    fine = len(parts) == 3 and all(0 <= part <= 1 for part in parts)
+    rgb = hex_color([round(part * 255) for part in parts]) if fine else None
+    return Channel(attribute_text(node, "Name") or str(number), rgb, parse_window(*ends) if len(ends) == 2 else None)
+
+
+def _find_group(file: Any, name: str) -> Any:
+    node = find_node(file, name, anywhere=False)
+    if node is None or not hasattr(node, "keys"):
+        raise expected("file", f"a group {name!r}", "none", "is this an Imaris file?")
+    return node
+
+
+def _count_groups(group: Any, name: str, most: int = _MOST_ENTRIES) -> int:
+    """The number of groups "NAME 0", "NAME 1", …"""
+    count = 0
+    while count < most and f"{name} {count}" in group:
+        count += 1
+    if not count:
+        raise expected("file", f"a group '{name} 0'", "none", "is this an Imaris file?")
+    return count
+
+
+def _sizes(channel: Any, padded: Sequence[int]) -> list[int]:
+    return [int(_read_number(channel, f"ImageSize{axis}", size)) for axis, size in zip("XYZ", padded, strict=True)]
+
+
+def _read_volume(path: Path, channel: Any, image: Any, options: LoadOptions, whole: Any) -> Volume:
+    """The volume of a channel at a level. whole: its group at the finest level."""
+    data = find_node(channel, "Data", options.anywhere)
+    if not hasattr(data, "shape") or not has_real_numbers(data) or len(data.shape) != 3:
+        raise expected(f"{channel.name}/Data", "a dataset of real numbers with three axes", "none")
+    # 1. the part of the dataset that is the image
+    padded = data.shape[::-1]
+    sizes = _sizes(channel, padded)
+    shape = grid_shape(sizes, "ImageSize")
+    if any(size > room for size, room in zip(shape, data.shape, strict=True)):
+        raise expected("ImageSize", f"at most the dataset's {padded}", sizes, "the file is damaged")
+    samples = read_samples(path, data, [slice(0, size) for size in shape], options.anywhere)
+    # 2. its box
+    low, high = _read_corner(image, "ExtMin", [0, 0, 0]), _read_corner(image, "ExtMax", sizes)
+    matrix = np.diag((high - low) / sizes)
+    origin = low + matrix @ (0.5, 0.5, 0.5)
+    finest = _sizes(whole, whole["Data"].shape[::-1])
+    lengths = Lengths.of(np.diag((high - low) / finest), finest)
+    unit = attribute_text(image, "Unit")
+    return volume_on_grid(samples, matrix, origin, "ExtMin and ExtMax", unit=unit, whole=lengths)
+
+
+def _read_corner(image: Any, name: str, default: Sequence[float]) -> np.ndarray:
+    return np.array([_read_number(image, f"{name}{axis}", value) for axis, value in enumerate(default)])
+
+
+def _read_number(node: Any, name: str, default: float) -> float:
+    """The number in the letters of an attribute."""
+    return convert_words([attribute_text(node, name)], float, name)[0] if name in node.attrs else default

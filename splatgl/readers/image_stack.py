@@ -23,7 +23,7 @@ from splatgl.fileio import WHOLE_BYTES, byte_count, decode_text, held_within_bud
 from splatgl.readers.channels import Channel, ChannelSet, mark_microscope, split_colors
 from splatgl.readers.chunked import Chunked, OneFile, file_tag
 from splatgl.readers.common import decoder_errors, parse_number
-from splatgl.readers.dicom_pixels import MOST_TILES, picture_size
+from splatgl.readers.dicom_frames import MOST_TILES, picture_size
 from splatgl.readers.heightmap import PICTURES, open_picture
 from splatgl.readers.ome_zarr import natural_key
 from splatgl.readers.options import LoadOptions

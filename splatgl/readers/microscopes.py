@@ -1,27 +1,33 @@
-"""Images in files of microscopes: the selection of one, its channels and time points, and planes read in parts."""
+"""Files of microscopes that libraries read, Leica's LIF and Nikon's ND2, and what their readers share."""
 
 from __future__ import annotations
 
 import io
 import math
 import os
+import struct
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from splatgl.data.affine import metres_in
+from splatgl.data.times import seconds_in
 from splatgl.data.volume import Triple, Volume
-from splatgl.errors import expected
+from splatgl.errors import expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, held_within_budget, require_memory
-from splatgl.readers.channels import Channel, ChannelSet, mark_microscope, split_colors
+from splatgl.readers.channels import Channel, ChannelSet, hex_color, mark_microscope, split_colors
 from splatgl.readers.chunked import Chunked, OneFile
-from splatgl.readers.common import MAX_BYTES, decoder_errors
+from splatgl.readers.common import MAX_BYTES, decoder_errors, parse_number, require_bytes, require_plausible
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.tiff_images import select_image
+from splatgl.readers.tiff_images import list_series, select_image
+from splatgl.readers.vtk_xml import parse_xml
 
 # order of the axes of an image; other axes precede them
 ORDER = "TCZYXS"
@@ -170,3 +176,203 @@ def _read_samples(path: Path, form: str, array: Any, index: tuple[int | slice, .
     require_memory(byte_count(free, array.dtype), path.stat().st_size)
     with decoder_errors(form):
         return array[index]
+
+
+# colours by the names of Leica's lookup tables
+_COLORS = {
+    **{"red": "#ff0000", "green": "#00ff00", "blue": "#0000ff", "cyan": "#00ffff", "magenta": "#ff00ff"},
+    **{"yellow": "#ffff00", "gray": "#ffffff", "grey": "#ffffff"},
+}
+# letters of axes by the number DimID of their description
+_LETTERS = {"1": "X", "2": "Y", "3": "Z", "4": "T"}
+# of the XML at the file's start: a mark, bytes, a mark, letters of UTF-16
+_HEADER = struct.Struct("<IIBI")
+
+
+def list_lif(path: Path) -> list[str]:
+    """A line for each image."""
+    with _open_lif(path) as file, decoder_errors("LIF"):
+        return list_series(_find_lif_images(file))
+
+
+def read_lif(path: Path, options: LoadOptions) -> Volume:
+    """The volume of an image; `series` picks it, for the other options see `read_image`."""
+    with _open_lif(path) as file:
+        with decoder_errors("LIF"):
+            images = _find_lif_images(file)
+        return read_image(path, "LIF", images, options, OneFile(path))
+
+
+@contextmanager
+def _open_lif(path: Path) -> Iterator[Any]:
+    """The file in liffile, whose XML is checked first."""
+    liffile = import_extra("liffile", "Leica's LIF files", "liffile", "microscopes")
+    with path.open("rb") as file, decoder_errors("LIF"):
+        mark, _, _, letters = _HEADER.unpack(file.read(_HEADER.size))
+        if mark != 0x70:
+            raise expected("first bytes", "0x70", hex(mark), "is this a LIF file?")
+        require_bytes(2 * letters, path.stat().st_size - _HEADER.size)
+        parse_xml(file.read(2 * letters).decode("utf-16-le"), "LIF's XML")
+    with closing(BoundedFile(path.open("rb", buffering=0))) as source:
+        with decoder_errors("LIF"):
+            file = liffile.LifFile(source)
+        yield file
+
+
+def _find_lif_images(file: Any) -> list[Image]:
+    """The images with axes x and y, without histograms of lifetimes."""
+    images = []
+    for source in file.images:
+        axes, shape = "".join(name[0] for name in source.dims), tuple(int(size) for size in source.shape)
+        if source.is_flim or not {"X", "Y"} <= set(axes) or len(set(axes)) < len(axes) or min(shape) < 1:
+            continue
+        # other axes first, then in the order of a volume
+        order = sorted(range(len(axes)), key=lambda n: (ORDER.find(axes[n]), n))
+        load = partial(_map_samples, source, order)
+        spacing, unit, step = _read_steps(source.xml_element)
+        channels = _read_channels(source.xml_element)
+        turned = "".join(axes[n] for n in order)
+        images.append(Image(source.path, turned, tuple(shape[n] for n in order), load, channels, spacing, unit, step))
+    if not images:
+        raise expected("LIF", "an image with axes x and y", "none")
+    return images
+
+
+def _map_samples(source: Any, order: list[int]) -> np.ndarray:
+    """The samples with axes in `order`: mapped, but colours that begin with blue, which are read."""
+    blue_first = source.sizes.get("S", 1) == 3
+    if blue_first:
+        needed = byte_count(source.shape, source.dtype)
+        require_bytes(needed, source.parent.filehandle.seek(0, 2) - source.memory_block.offset)
+        require_memory(needed, source.memory_block.size)
+    return np.asarray(source.asarray() if blue_first else source.asarray(out="memmap")).transpose(order)
+
+
+def _read_steps(node: Any) -> tuple[tuple[float, float, float], str, float | None]:
+    """Spacing in micrometres, unit, and seconds between time points; lengths reach from the first to the last entry."""
+    steps, unit = dict[str, float](), ""
+    for axis in node.findall("./Data/Image/ImageDescription/Dimensions/DimensionDescription"):
+        letter, name = _LETTERS.get(axis.get("DimID", ""), ""), axis.get("Unit", "").strip()
+        length, count = (parse_number(axis.get(key)) for key in ("Length", "NumberOfElements"))
+        step = abs(length) / (count - 1) if count > 1 else 0.0
+        if letter == "T":
+            steps[letter] = step * (seconds_in(name) or 0.0)
+        elif letter:
+            metres = metres_in(name)
+            steps[letter], unit = step * (metres * 1e6 if metres else 1.0), "um" if metres else unit
+    return even_spacing(*(steps.get(axis, 0.0) for axis in "XYZ")), unit, steps.get("T") or None
+
+
+def _read_channels(node: Any) -> tuple[Channel, ...]:
+    """Names and colours: the dye, else the lookup table, in the order in which channels are stored."""
+    nodes = node.findall("./Data/Image/ImageDescription/Channels/ChannelDescription")
+    channels = list[Channel]()
+    for channel_node in sorted(nodes, key=lambda channel_node: parse_number(channel_node.get("BytesInc"), 0.0)):
+        keys = {item.findtext("Key"): item.findtext("Value") or "" for item in channel_node.findall("ChannelProperty")}
+        table = channel_node.get("LUTName", "").strip()
+        channels.append(Channel(keys.get("DyeName") or table or str(len(channels)), _COLORS.get(table.lower())))
+    names = [channel.name for channel in channels]
+    # of equal names none picks a channel
+    return tuple(
+        Channel(f"{channel.name} {n}" if names.count(channel.name) > 1 else channel.name, channel.color)
+        for n, channel in enumerate(channels)
+    )
+
+
+def list_nd2(path: Path) -> list[str]:
+    """A line for each position."""
+    with decoder_errors("ND2"):
+        return list_series(_find_nd2_images(path, _open_nd2(path)))
+
+
+def read_nd2(path: Path, options: LoadOptions) -> Volume:
+    """The volume of an ND2 file; `series` is the position, for the other options see `read_image`."""
+    with decoder_errors("ND2"):
+        file = _open_nd2(path)
+        images = _find_nd2_images(path, file)
+    return read_image(path, "ND2", images, options, file)
+
+
+def _open_nd2(path: Path) -> OpenFile:
+    nd2 = import_extra("nd2", "Nikon's ND2 files", "nd2", "microscopes")
+    file = BoundedFile(path.open("rb", buffering=0))
+    try:
+        return OpenFile(path, nd2.ND2File(file))
+    except BaseException:
+        file.close()
+        raise
+
+
+def _find_nd2_images(path: Path, file: OpenFile) -> list[Image]:
+    """The positions of a file; each has axes T, Z, C or some of them, in the order of its loops."""
+    source = file.file
+    if source.is_legacy:
+        raise expected("file", "an ND2 file of version 2 or later", "an older one", "save it as TIFF with Fiji")
+    attributes, loops = source.attributes, source.experiment
+    # 1. loops by the letters of their axes, outer ones first
+    letters = {"TimeLoop": "T", "NETimeLoop": "T", "XYPosLoop": "P", "ZStackLoop": "Z", "CustomLoop": "U"}
+    axes = "".join(letters.get(loop.type, "?") for loop in loops)
+    counts = [int(loop.count) for loop in loops]
+    if "?" in axes or len(set(axes)) < len(axes):
+        raise expected("loops", "one each of time, position and z", ", ".join(loop.type for loop in loops))
+    # 2. planes: the components of a pixel are channels, or colours of one channel
+    components, channels = int(attributes.componentCount), int(attributes.channelCount or 1)
+    is_color = components == 3 * channels and channels == 1
+    dtype, plane = np.dtype(source.dtype), (int(attributes.heightPx), int(attributes.widthPx or 0))
+    frame = (1 if is_color else components, *plane, 3 if is_color else 1)
+    stored = int(attributes.sequenceCount)
+    check_planes(counts, frame, dtype, stored)
+    require_plausible(byte_count(frame, dtype), path.stat().st_size)
+    # 3. the positions, each with the frames of its number in the loop
+    place = axes.find("P")
+    points: Any = next((loop.parameters.points for loop in loops if loop.type == "XYPosLoop"), [])
+    lead = [n for n in range(len(axes)) if n != place]
+    sizes = [*(counts[n] for n in lead), frame[0]]
+    x, y, z = (float(step) for step in source.voxel_size())
+    dyes = [channel.channel for channel in source.metadata.channels]
+    names = tuple(Channel(dye.name or str(n), hex_color(dye.color[:3])) for n, dye in enumerate(dyes))
+    images = []
+    for number in range(counts[place] if place >= 0 else 1):
+        name = (points[number].name if number < len(points) else "") or f"position {number}" * (place >= 0)
+        read_plane = partial(_read_plane, source, frame, (counts, place, number))
+        planes = Planes(sizes, frame[1:] if is_color else plane, dtype, read_plane)
+        images.append(
+            Image(
+                name,
+                "".join(axes[n] for n in lead) + "CYX" + "S" * is_color,
+                planes.shape,
+                partial(lambda planes: planes, planes),
+                names,
+                even_spacing(x, y, z if "Z" in axes else 0.0),
+                "um" if x > 0 else "",
+                _time_step(source),
+                max(math.prod(counts) - stored, 0),
+            )
+        )
+    return images
+
+
+def _read_plane(
+    source: Any, shape: tuple[int, ...], position: tuple[list[int], int, int], index: tuple[int, ...]
+) -> np.ndarray:
+    """The plane of an index along all loops but that of positions, and of a channel. shape: of a frame [C, Y, X, S].
+    position: sizes of the loops, the place of positions among them or -1, and the position.
+    """
+    counts, place, number = position
+    loops = list(index[:-1])
+    if place >= 0:
+        loops.insert(place, number)
+    # the last loop runs fastest
+    frame = np.asarray(source.read_frame(int(np.ravel_multi_index(loops, counts)) if loops else 0))
+    if frame.size != math.prod(shape):
+        raise expected("frame", str(shape), frame.shape, "the file is damaged")
+    # the library squeezes axes of one entry
+    plane = frame.reshape(shape)[index[-1]]
+    return plane if shape[3] > 1 else plane[..., 0]
+
+
+def _time_step(source: Any) -> float | None:
+    """Seconds between time points, None if unknown."""
+    loop = next((loop for loop in source.experiment if loop.type == "TimeLoop"), None)
+    period = float(loop.parameters.periodMs) / 1000 if loop is not None else 0.0
+    return period if period > 0 and math.isfinite(period) else None

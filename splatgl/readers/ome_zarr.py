@@ -29,9 +29,16 @@ from splatgl.readers.chunked import Chunked, TransposedChunks
 from splatgl.readers.common import array_fields, decoder_errors
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import METADATA, Remote
-from splatgl.readers.zarr_coordinates import channel_names, dimension_kind, dimension_names, read_lattice, read_packing
-from splatgl.readers.zarr_validation import check_array, check_files
-from splatgl.readers.zarr_zip import open_zip
+from splatgl.readers.zarr_files import (
+    channel_names,
+    check_array,
+    check_files,
+    dimension_kind,
+    dimension_names,
+    open_zip,
+    read_lattice,
+    read_packing,
+)
 
 
 def natural_key(name: str) -> list[Any]:

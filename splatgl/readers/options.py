@@ -344,15 +344,21 @@ FORMATS = (
     Format("VTK pieces of cells", (".pvtu", ".pvts"), "vtk_cells.read", ("array", "channel", "anywhere"), ("XML",)),
     Format("VTK AMR", (".vthb", ".vth"), "vtk_cells.read_amr", ("array", "channel", "anywhere"), ("XML",)),
     Format(
-        "VTK collection", (".pvd", ".vtm"), "vtk_collection.read", ("array", "channel", "time", "anywhere"), ("XML",)
+        "VTK collection",
+        (".pvd", ".vtm"),
+        "vtk_cells.read_collection",
+        ("array", "channel", "time", "anywhere"),
+        ("XML",),
     ),
     Format("MRC", (".mrc", ".map", ".rec", ".ccp4"), "mrc.read", ("array",), ("?",)),
     Format(
         "MRC, compressed", (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2"), "mrc.read", ("array",), ("gzip", "bzip2")
     ),
     Format("HDF5", HDF5, "hdf5.read", _HDF5, lists="hdf5.list_datasets"),
-    Format("NetCDF-3", (".nc", ".cdf", ".nc3"), "netcdf.read", _HDF5, lists="netcdf.list_variables"),
-    Format("Imaris", (".ims",), "imaris.read", ("array", "channel", "level", "time", "anywhere"), ("HDF5",)),
+    Format("NetCDF-3", (".nc", ".cdf", ".nc3"), "hdf5.read_netcdf", _HDF5, lists="hdf5.list_variables"),
+    Format(
+        "Imaris", (".ims",), "hdf5_layouts.read_imaris", ("array", "channel", "level", "time", "anywhere"), ("HDF5",)
+    ),
     Format(
         "BigDataViewer",
         (".xml",),
@@ -362,8 +368,8 @@ FORMATS = (
         lists="bigdataviewer.list_images",
     ),
     Format("CZI", (".czi",), "czi.read", _MICROSCOPE, lists="czi.list_images"),
-    Format("LIF", (".lif",), "lif.read", _MICROSCOPE, lists="lif.list_images"),
-    Format("ND2", (".nd2",), "nd2.read", _MICROSCOPE, ("JPEG 2000",), lists="nd2.list_images"),
+    Format("LIF", (".lif",), "microscopes.read_lif", _MICROSCOPE, lists="microscopes.list_lif"),
+    Format("ND2", (".nd2",), "microscopes.read_nd2", _MICROSCOPE, ("JPEG 2000",), lists="microscopes.list_nd2"),
     Format("OIB", (".oib", ".oif"), "olympus.read", _MICROSCOPE, ("?", "a compound file"), lists="olympus.list_images"),
     Format(
         "Zarr",

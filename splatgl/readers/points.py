@@ -21,7 +21,7 @@ from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_memory
 from splatgl.readers.common import MAX_BYTES, decoder_errors, read_text, require_bytes, require_plausible
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.ply import HEADER, read_ply
+from splatgl.readers.polygons import HEADER, read_ply
 
 # bytes of the header of a record of variable length in LAS
 VLR = 54

@@ -26,11 +26,11 @@ from splatgl.readers.channels import MAGNITUDE_NOTE, magnitudes, mark_microscope
 from splatgl.readers.chunked import Chunked, TransposedChunks
 from splatgl.readers.common import decoder_errors, find_data_file, map_array, require_bytes, require_plausible
 from splatgl.readers.heightmap import HEIGHTS, Survey, classify_picture, grey_heights, make_plane, make_terrain
-from splatgl.readers.imagej import calibrate
 from splatgl.readers.microscopes import OpenFile
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import (
     Planes,
+    calibrate,
     find_calibration,
     find_channels,
     find_pixels,

@@ -18,7 +18,7 @@ import numpy as np
 
 from splatgl.errors import expected, import_extra
 from splatgl.readers.common import MAX_BYTES, convert_words, decoder_errors, parse_number, run_elsewhere
-from splatgl.readers.dicom_pixels import check_picture, picture_size
+from splatgl.readers.dicom_frames import check_picture, picture_size
 
 # most planes of a series: a list of them takes memory, even if they are not in the file
 MAX_PLANES = 2**20

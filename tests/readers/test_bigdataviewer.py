@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from splatgl.errors import Choice, InputError
-from splatgl.readers import hdf5_parts, list_volumes, load
+from splatgl.readers import hdf5_files, list_volumes, load
 from tests.helpers.microscope_files import NAMES
 
 pytestmark = pytest.mark.usefixtures("sound_files")
@@ -93,7 +93,7 @@ def test_registrations(tmp_path: Path, registered: Sequence[float], spacing: Seq
 
 def test_large_views_are_read_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path / "a.xml")
-    monkeypatch.setattr(hdf5_parts, "WHOLE_BYTES", 100)
+    monkeypatch.setattr(hdf5_files, "WHOLE_BYTES", 100)
     samples: Any = load(path, channel=1, time=1).samples
     assert not isinstance(samples, np.ndarray) and samples.dtype == np.uint16
     np.testing.assert_array_equal(samples[2:7, 3, ::2], VIEWS[0, 1, 1, 2:7, 3, ::2])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.readers.dicom_siemens import CSA, csa_numbers
+from splatgl.readers.dicom_vendors import CSA, csa_numbers
 from splatgl.transfer.presets import default_transfer
 
 pydicom = pytest.importorskip("pydicom")

@@ -15,7 +15,7 @@ from PIL import Image as Pillow
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.errors import InputError
-from splatgl.readers import hdf5_files, hdf5_parts, load
+from splatgl.readers import hdf5_files, load
 from splatgl.readers.chunked import Chunked, Packing
 from splatgl.readers.common import is_mapped
 from splatgl.readers.hdf5 import _SPACINGS
@@ -99,8 +99,8 @@ def test_labels_tell_the_axes(tmp_path: Path) -> None:
 def test_large_ones_are_read_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path / "a.h5", data=BIG, chunks=(8, 8, 8), compression="gzip")
     whole = load(path).samples
-    monkeypatch.setattr(hdf5_parts, "WHOLE_BYTES", 1000)
-    monkeypatch.setattr(hdf5_parts, "_PART_BYTES", 2**14)
+    monkeypatch.setattr(hdf5_files, "WHOLE_BYTES", 1000)
+    monkeypatch.setattr(hdf5_files, "_PART_BYTES", 2**14)
     part = load(path).samples
     assert isinstance(whole, np.ndarray) and isinstance(part, Chunked) and part.chunks != (8, 8, 8)
     np.testing.assert_array_equal(part[5:30, 20:45, ::7], BIG[5:30, 20:45, ::7])
@@ -123,7 +123,7 @@ def test_a_chunk_that_inflates_beyond_its_size_is_refused(tmp_path: Path, monkey
     with h5py.File(path, "w") as file:
         node = file.create_dataset("a", (8, 8, 8), "u1", chunks=(8, 8, 8), compression="gzip")
         node.id.write_direct_chunk((0, 0, 0), zlib.compress(bytes(10**7)))
-    monkeypatch.setattr(hdf5_parts, "MAX_BYTES", 2**20)
+    monkeypatch.setattr(hdf5_files, "MAX_BYTES", 2**20)
     with pytest.raises(InputError, match="chunk: expected 512 bytes, got more"):
         load(path)
 

@@ -12,7 +12,7 @@ import pytest
 from splatgl import InputError, load
 from splatgl.data import affine
 from splatgl.data.affine import Coordinate, make_lattice
-from splatgl.readers import hdf5_parts, list_volumes
+from splatgl.readers import hdf5_files, list_volumes
 from splatgl.readers.chunked import Chunked
 from splatgl.readers.contents import identify
 
@@ -125,7 +125,7 @@ def test_matlab_has_rows_columns_and_pages(tmp_path: Path, monkeypatch: pytest.M
     assert "complex numbers are drawn by their magnitude" in magnitude.notes
     np.testing.assert_array_equal(load(matlab(tmp_path / "c.mat", RGB.transpose(1, 2, 0, 3), "uint8")).color, RGB)
     np.testing.assert_array_equal(load(matlab(tmp_path / "d.mat", RGB.transpose(1, 2, 3, 0), "uint8")).color, RGB)
-    monkeypatch.setattr(hdf5_parts, "WHOLE_BYTES", 100)
+    monkeypatch.setattr(hdf5_files, "WHOLE_BYTES", 100)
     with h5py.File(path, "a") as file:
         del file["volume"]
         node = file.create_dataset("volume", data=F.transpose(0, 2, 1), chunks=(2, 3, 5), compression="gzip")
@@ -314,7 +314,7 @@ def test_classic_netcdf_of_64_bits_in_parts_and_without_ending(tmp_path: Path, m
             file.createDimension(name, size)
         file.createVariable("a", "u8", ("z", "y", "x"))[:] = F
     assert load(path).samples.dtype == np.uint64 and np.array_equal(load(path).samples, F)
-    monkeypatch.setattr(hdf5_parts, "WHOLE_BYTES", 100)
+    monkeypatch.setattr(hdf5_files, "WHOLE_BYTES", 100)
     parts = load(path).samples
     assert isinstance(parts, Chunked) and np.array_equal(parts[1:3], F[1:3])
 

@@ -123,7 +123,7 @@ def test_zarr_bombs(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from numcodecs import Blosc, Zstd
 
     # so that a small bomb is one
-    monkeypatch.setattr("splatgl.readers.zarr_validation.MAX_BYTES", 2**25)
+    monkeypatch.setattr("splatgl.readers.zarr_files.MAX_BYTES", 2**25)
     engine = zlib.compressobj(9, wbits=31)
     bomb = b"".join(engine.compress(bytes(2**24)) for _ in range(4)) + engine.flush()
     (store / "0.0.0").write_bytes(bomb)

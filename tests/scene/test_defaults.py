@@ -12,7 +12,7 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.errors import InputError
-from splatgl.readers.dicom_suv import ANGIOGRAM, is_angiogram
+from splatgl.readers.dicom_vendors import ANGIOGRAM, is_angiogram
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions

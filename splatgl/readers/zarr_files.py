@@ -1,18 +1,102 @@
-"""Checks the files, codecs and chunks of a Zarr store before zarr decodes anything."""
+"""Zarr stores: checks of their files, codecs and chunks, stores in a zip, and coordinates by xarray.
+
+Members are checked before anything reads them: what is deflated expands no more than MAX_BYTES, and metadata no more
+than MOST_METADATA.
+"""
 
 from __future__ import annotations
 
+import base64
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+import struct
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
-from splatgl.errors import expected
+import numpy as np
+
+from splatgl.data.affine import Coordinate, Lattice, axis_kind, curved_notes, make_lattice
+from splatgl.errors import expected, list_names
 from splatgl.fileio import byte_count
-from splatgl.readers.chunked import OneFile, folder_tag
-from splatgl.readers.common import DEFLATE_RATIO, MAX_BYTES, inflated_size, require_plausible
-from splatgl.readers.zarr_zip import ZipPath
+from splatgl.readers.chunked import CF_NUMBERS, OneFile, Packing, file_tag, folder_tag
+from splatgl.readers.common import DEFLATE_RATIO, MAX_BYTES, decoder_errors, inflated_size, require_plausible
+from splatgl.readers.contents import ZARR
+from splatgl.readers.remote import MOST_METADATA
+
+
+class ZipPath:
+    """A file or folder in a zip, with what readers of stores use of a `Path`."""
+
+    def __init__(self, archive: zipfile.ZipFile, file: Path, name: str = "") -> None:
+        self.archive, self.file, self.path = archive, file, name
+
+    def __truediv__(self, name: str) -> ZipPath:
+        return ZipPath(self.archive, self.file, f"{self.path}/{name}".strip("/"))
+
+    def __str__(self) -> str:
+        return str(self.file)
+
+    @property
+    def name(self) -> str:
+        """The last part of the name."""
+        return self.path.rsplit("/", 1)[-1]
+
+    def resolve(self) -> ZipPath:
+        """The path itself."""
+        return self
+
+    def is_file(self) -> bool:
+        """Whether the zip has that file."""
+        return self.path in self.archive.NameToInfo
+
+    def stat(self) -> Any:
+        """The unpacked size, as st_size."""
+        return SimpleNamespace(st_size=self.archive.NameToInfo[self.path].file_size)
+
+    def open(self, _mode: str = "rb") -> Any:
+        """Opens the file."""
+        return self.archive.open(self.path)
+
+    def rglob(self, _pattern: str) -> Iterator[ZipPath]:
+        """All files below."""
+        inside = f"{self.path}/" if self.path else ""
+        names = (name for name in self.archive.NameToInfo if name.startswith(inside) and not name.endswith("/"))
+        return (ZipPath(self.archive, self.file, name) for name in names)
+
+    def tag(self) -> str:
+        """Text that changes with the contents."""
+        return f"{file_tag(self.file.resolve())} {self.path}"
+
+
+def open_zip(path: Path) -> tuple[Any, ZipPath, str]:
+    """(zip as zarr reads it, its root, path of the only Zarr store in it). Raises InputError for a zip without one."""
+    import zarr
+
+    with decoder_errors("a zip"):
+        archive = zipfile.ZipFile(path)
+        store = zarr.storage.ZipStore(path, mode="r", read_only=True)
+    members, folders = archive.infolist(), set[str]()
+    if sum(member.compress_size for member in members) > path.stat().st_size:
+        raise expected("zip", "separate members", "members that overlap", "the file is damaged")
+    for member in members:
+        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or member.flag_bits & 1:
+            raise expected(member.filename, "stored or deflated data", "another compression", "zip the folder again")
+        folder, _, name = member.filename.rpartition("/")
+        folders |= {folder} if name in ZARR[:3] else set()
+        is_metadata = name in ZARR
+        most = MOST_METADATA if is_metadata else MAX_BYTES if member.compress_type else path.stat().st_size
+        if member.file_size > most:
+            raise expected(member.filename, f"at most {most} bytes", member.file_size, "the file is damaged")
+    least = min((folder.count("/") + bool(folder) for folder in folders), default=0)
+    roots = sorted(folder for folder in folders if folder.count("/") + bool(folder) == least)
+    if len(roots) != 1:
+        raise expected("zip", "one Zarr store", list_names(roots) or "other files", "unpack it and name the store")
+    return store, ZipPath(archive, path), roots[0]
+
 
 Fetch = Callable[[Sequence[str]], None]
 
@@ -184,3 +268,85 @@ def _declared_size(head: bytes, compressor: str, stored: int) -> int:
 
 # most bytes per byte of Zstandard data: a block of 2**17 bytes takes four
 _ZSTD_RATIO = 2**15
+
+
+# most coordinates that are read along a dimension, and most bytes of one that is text
+MOST_COORDINATES, MOST_TEXT = 2**20, 2**10
+
+
+def dimension_names(node: Any) -> list[str]:
+    """Names of an array's dimensions, "" for an unnamed one; [] if the array states none."""
+    stated = getattr(node.metadata, "dimension_names", None) or node.attrs.asdict().get("_ARRAY_DIMENSIONS") or []
+    names = [str(name or "") for name in stated]
+    return names if len(names) == len(node.shape) else []
+
+
+def read_lattice(group: Any, node: Any, names: Sequence[str], even: bool) -> Lattice:
+    """The grid by the coordinates along z, y and x; even: whether their places do not count."""
+    axes = _read_coordinates(group, node, names)
+    grid = make_lattice(axes, even=even)
+    stated = [owner.attrs.asdict().get("coordinates") for owner in (node, group) if owner is not None]
+    about: dict[str, dict[str, Any]] = {name: {} for name in str(next(filter(None, stated), "")).split()}
+    is_placed = even or all(axis.places is not None for axis in axes[1:])
+    return replace(grid, notes=(*grid.notes, *curved_notes(about, is_placed)))
+
+
+def _read_coordinates(group: Any, node: Any, names: Sequence[str]) -> list[Coordinate]:
+    """Coordinates along z, y and x, from arrays with the dimensions' names (xarray, CF)."""
+    dimensions = dimension_names(node)
+    coordinates = []
+    for name in ("z", "y", "x"):
+        axis = names.index(name)
+        scale = _find_scale(group, dimensions[axis], node.shape[axis]) if dimensions else None
+        if scale is None:
+            coordinates.append(Coordinate(dimensions[axis] if dimensions else name, node.shape[axis]))
+        else:
+            packing = read_packing(scale)
+            places = np.asarray(scale[:] if packing is None else packing.values(scale[:]), np.float64)
+            coordinates.append(Coordinate.of(dimensions[axis], places, scale.attrs.asdict()))
+    return coordinates
+
+
+def _find_scale(group: Any, name: str, size: int) -> Any:
+    """The array of a dimension's coordinates, None without one."""
+    node: Any = group.get(name) if group is not None and name else None
+    is_scale = getattr(node, "shape", None) == (size,) and node.dtype.kind in "uif" and size <= MOST_COORDINATES
+    return node if is_scale else None
+
+
+def read_packing(node: Any) -> Packing | None:
+    """The packing in an array's CF attributes, as xarray writes them, or None; format 2 has a fill value instead."""
+    attributes = node.attrs.asdict()
+    stated = {name: _parse_numbers(attributes.get(name)) for name in CF_NUMBERS}
+    if stated["_FillValue"] is None and dimension_names(node) and node.metadata.zarr_format == 2 and node.fill_value:
+        # zarr itself fills with 0
+        stated["_FillValue"] = _parse_numbers(node.fill_value)
+    return Packing.of(stated, node.dtype, attributes.get("_Unsigned"))
+
+
+def _parse_numbers(value: Any) -> np.ndarray | None:
+    """Numbers, or one coded as base64 of eight bytes, as xarray writes floats in format 3; else None."""
+    if isinstance(value, str):
+        try:
+            return np.array(struct.unpack("<d", base64.b64decode(value, validate=True)))
+        except (ValueError, struct.error):
+            return None
+    numbers = np.asarray(value).ravel()
+    return numbers if numbers.dtype.kind in "uif" else None
+
+
+def dimension_kind(group: Any, name: str, size: int) -> str:
+    """z, y, x, t or c, by a dimension's coordinates or name; else its name."""
+    scale = _find_scale(group, name, size)
+    kind = axis_kind(name, {} if scale is None else scale.attrs.asdict())
+    return {"time": "t"}.get(kind, kind or name.lower() or "?")
+
+
+def channel_names(group: Any, node: Any, names: Sequence[str], count: int) -> list[dict[str, str]]:
+    """Names of channels in an array of text with the dimension's name, as xarray writes them; [] without them."""
+    dimensions = [name for name, kind in zip(dimension_names(node), names, strict=False) if kind not in tuple("zyxt")]
+    texts: Any = group.get(dimensions[0]) if group is not None and len(dimensions) == 1 else None
+    is_text = (
+        getattr(texts, "shape", None) == (count,) and texts.dtype.kind in "US" and texts.dtype.itemsize <= MOST_TEXT
+    )
+    return [{"label": str(text)} for text in texts[:]] if is_text else []
