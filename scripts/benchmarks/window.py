@@ -23,7 +23,7 @@ from splatgl.options import Kind
 from splatgl.scene.scene_file import SceneFile
 from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.document import Document
-from splatgl.viewer.tool import Pointer
+from splatgl.viewer.trackball import Pointer
 from splatgl.viewer.viewer import Options, Viewer
 
 # longest wait for a picture at rest

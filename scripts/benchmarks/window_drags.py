@@ -27,7 +27,7 @@ from splatgl.options import Kind
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.adaptive_quality import LADDER
 from splatgl.viewer.document import Document
-from splatgl.viewer.tool import Pointer
+from splatgl.viewer.trackball import Pointer
 from splatgl.viewer.viewer import Options, Viewer
 
 

@@ -51,7 +51,7 @@ class ListBindings(argparse.Action):
     def __call__(self, parser: Any, namespace: argparse.Namespace, *_: Any) -> None:
         """Prints the bindings and exits."""
         from splatgl.viewer.commands import COMMANDS
-        from splatgl.viewer.key_bindings import list_bindings, load_bindings
+        from splatgl.viewer.input import list_bindings, load_bindings
 
         changed = getattr(namespace, "bindings", None)
         print(list_bindings(load_bindings(changed) if changed else COMMANDS))
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         raise expected("--frame-time", "milliseconds above 0", args.frame_time)
     commands: tuple[Command, ...] = ()
     if args.bindings:
-        from splatgl.viewer.key_bindings import load_bindings
+        from splatgl.viewer.input import load_bindings
 
         commands = load_bindings(args.bindings)
     opengl, scene = record_of(args, OpenGL), _scene(args)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, auto
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,13 +18,13 @@ from splatgl.errors import InputError
 from splatgl.geometry.clipping import Plane
 from splatgl.gl.screen import GROUNDS
 from splatgl.planning.scene import channel_opacity, plan_scene
+from splatgl.scene.meshes import is_mesh
 from splatgl.scene.open_scene import on_background
 from splatgl.scene.view import PLANES_UP, ROWS_UP, angles
 from splatgl.splat.settings import Settings, choices
 from splatgl.viewer.adaptive_quality import STRIDES
-from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts
+from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts, start_lasso
 from splatgl.viewer.document import Document
-from splatgl.viewer.lasso_tool import start_lasso
 from splatgl.viewer.measure_tool import FIRST_POINT
 from splatgl.viewer.movie_track import Preview, stop_preview
 from splatgl.viewer.segments import with_shown
@@ -586,3 +587,48 @@ MOUSE = (
     ("double click", "turn about the point under the cursor"),
     ("drop a file", "open it, add it, or play a series"),
 )
+
+
+# names of dropped files that a question lists
+LISTED = 3
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question, or what is told. answers: what each button asks the window for; None: nothing."""
+
+    title: str
+    text: str
+    answers: tuple[tuple[str, Effect | None], ...]
+
+
+# asked before a window with unsaved edits closes
+UNSAVED = Question(
+    "Edits are not saved",
+    "Save the changes as a scene before the window closes?",
+    (("save and quit", Request.SAVE_AND_QUIT), ("discard", Request.DISCARD), ("cancel", None)),
+)
+
+
+def ask_to_leave(opens: Open | OpenOption) -> Question:
+    """The question before other files replace a document with unsaved edits."""
+    answers = ("save and open", Leave(opens, saves=True)), ("open without saving", Leave(opens)), ("cancel", None)
+    return Question(UNSAVED.title, "Save the changes as a scene before another file is opened?", answers)
+
+
+def ask_for_files(paths: Sequence[str]) -> Question:
+    """The question what to do with dropped files."""
+    several, more = len(paths) > 1, len(paths) - LISTED
+    is_series = sum(not is_mesh(path) for path in paths) > 1
+    names = ", ".join(Path(path).name for path in paths[:LISTED]) + f" and {more} more" * (more > 0)
+    answers: tuple[tuple[str, Effect | None], ...] = (
+        ("play as series" if is_series else "open", Open(tuple(paths))),
+        ("add as layers" if several else "add as layer", Add(tuple(paths))),
+        ("cancel", None),
+    )
+    return Question(f"What to do with {'these files' if several else 'this file'}?", names, answers)
+
+
+def tell_error(message: str) -> Question:
+    """An error, which stays until it is closed."""
+    return Question("This did not work", message, (("close", None), ("copy", CopyText(message))))

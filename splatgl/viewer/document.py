@@ -30,13 +30,11 @@ from splatgl.splat.extract import Progress
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.transfer.transfer import Transfer
-from splatgl.viewer.adaptive_quality import STRIDES
+from splatgl.viewer.adaptive_quality import STRIDES, StandIn
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.movie_track import Movie
-from splatgl.viewer.oblique import slice_meshes
 from splatgl.viewer.segments import style_with_segments
-from splatgl.viewer.slice_pixels import layer_looks
-from splatgl.viewer.stand_in import StandIn
+from splatgl.viewer.slice_planes import layer_looks, slice_meshes
 from splatgl.viewer.state import LayerStyle
 from splatgl.viewer.trackball import Pose
 

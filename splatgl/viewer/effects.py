@@ -15,10 +15,10 @@ from splatgl.animation.animation import MOVIES
 from splatgl.data.image import Image
 from splatgl.errors import USER_ERRORS, error_text, missing_extra
 from splatgl.fileio import budget
-from splatgl.viewer import questions
+from splatgl.viewer import commands
 from splatgl.viewer.commands import Add, Copy, CopyText, Effect, Leave, Open, OpenOption, Request
 from splatgl.viewer.document import Document
-from splatgl.viewer.file_dialogs import ADD, OPEN, SAVE, Dialogs
+from splatgl.viewer.files import ADD, OPEN, SAVE, Dialogs
 from splatgl.viewer.jobs import Done, Kind
 from splatgl.viewer.loading import Added, Left, Loaded, Opened, Reloaded, TimePoint
 from splatgl.viewer.movie_track import stop_preview
@@ -272,7 +272,7 @@ class Performer:
         elif viewer.panel is None:
             viewer.say(UNSAVED)
         else:
-            viewer.panel.panel.questions.ask(questions.UNSAVED)
+            viewer.panel.panel.questions.ask(commands.UNSAVED)
             viewer.refresh()
 
     # --- results of worker threads ----------------------------------------------------------------------------------

@@ -27,7 +27,7 @@ from splatgl.viewer.adaptive_quality import FULL, Level
 from splatgl.viewer.commands import Command
 from splatgl.viewer.document import Document
 from splatgl.viewer.hud import Frame
-from splatgl.viewer.key_bindings import help_rows
+from splatgl.viewer.input import help_rows
 from splatgl.viewer.reference_view import Difference, Reference, resize_bilinear
 from splatgl.viewer.state import Pinned, State
 from splatgl.viewer.trackball import Pose

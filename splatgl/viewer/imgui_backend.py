@@ -17,7 +17,7 @@ from splatgl.viewer.document import Document
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.panel import Panel
 from splatgl.viewer.state import State
-from splatgl.viewer.tool import docked_width
+from splatgl.viewer.trackball import docked_width
 from splatgl.viewer.window import Window
 
 GLSL = "#version 330"

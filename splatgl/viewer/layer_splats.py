@@ -21,8 +21,7 @@ from splatgl.splat.extract import Progress, extract, why_only_pre
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import MOST_KEPT, Splats
 from splatgl.transfer.transfer import Transfer
-from splatgl.viewer.adaptive_quality import STRIDES
-from splatgl.viewer.stand_in import StandIn, choose_stand_in
+from splatgl.viewer.adaptive_quality import STRIDES, StandIn, choose_stand_in
 from splatgl.viewer.state import LayerStyle
 
 # volumes with fewer voxels are not downsampled

@@ -24,7 +24,7 @@ from splatgl.scene.transfer_choice import FAINTLY, faint_share
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document, read_layer
-from splatgl.viewer.file_watch import Watch, watched_files
+from splatgl.viewer.files import Watch, watched_files
 from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.state import FileOption, LayerStyle

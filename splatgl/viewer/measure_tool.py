@@ -18,7 +18,7 @@ from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document
 from splatgl.viewer.segments import segment_name
 from splatgl.viewer.state import State
-from splatgl.viewer.tool import Place, Pointer, Tool, View
+from splatgl.viewer.trackball import Place, Pointer, Tool, View
 
 FIRST_POINT = "click on the first point; a drag turns the view"
 CORNER, NEXT_POINT = "click on the corner of the angle", "click on the last point"

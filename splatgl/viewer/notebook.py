@@ -33,8 +33,7 @@ from splatgl.transfer.presets import PRESETS
 from splatgl.transfer.statistics import statistics
 from splatgl.viewer.adaptive_quality import FULL, LADDER, REST, TARGET, Level, Moment, Refiner, Wanted
 from splatgl.viewer.document import Document
-from splatgl.viewer.tool import Place
-from splatgl.viewer.trackball import Mouse, zoom_by_wheel
+from splatgl.viewer.trackball import Mouse, Place, zoom_by_wheel
 
 # seconds without input before the full picture; no event is handled while it is drawn
 STILL = 0.3

@@ -1,15 +1,18 @@
-"""Control panel: transfer function over the values' histogram, settings, and frame info. Extra `gui`."""
+"""Control panel: transfer function, settings, and frame info; its palette, questions and file dialog. Extra `gui`."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from imgui_bundle import imgui
 
-from splatgl.annotations.text import plain
+from splatgl.annotations.text import legible, plain
+from splatgl.errors import USER_ERRORS, error_text
 from splatgl.options import declared
 from splatgl.scene.meshes import is_mesh
 from splatgl.splat.lighting import Light
@@ -18,21 +21,248 @@ from splatgl.transfer.colormaps import CORE
 from splatgl.transfer.statistics import Statistics
 from splatgl.transfer.transfer import Transfer
 from splatgl.viewer import hud, panel_sections, transfer_editor
-from splatgl.viewer.commands import HIGHEST, Command, why_not, with_settings, with_threshold
+from splatgl.viewer.commands import HIGHEST, Command, CopyText, Question, why_not, with_settings, with_threshold
 from splatgl.viewer.document import Document
-from splatgl.viewer.file_browser import Browser
+from splatgl.viewer.files import OPEN, SAVE, suffixes
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.layer_splats import LayerSplats
-from splatgl.viewer.layers_panel import draw_layers
-from splatgl.viewer.panel_sections import CommandWidgets, label_left
-from splatgl.viewer.popups import Palette, Questions
+from splatgl.viewer.layers_panel import SegmentList, draw_layers
+from splatgl.viewer.panel_sections import CommandWidgets, draw_record, label_left
 from splatgl.viewer.preset_gallery import EDITED, PresetGallery, Shift, with_gradient
-from splatgl.viewer.record_section import draw_record
-from splatgl.viewer.region_editor import RegionEditor
-from splatgl.viewer.segments_panel import SegmentList
+from splatgl.viewer.saving import check_target
 from splatgl.viewer.state import BLURS, State
-from splatgl.viewer.tool import PANEL
-from splatgl.viewer.transfer_editor import Curve
+from splatgl.viewer.trackball import PANEL
+from splatgl.viewer.transfer_editor import Curve, RegionEditor
+
+# width of the palette in screen units at a content scale of 1, its distance from the top as a share of the height, and
+# the most commands that it lists
+WIDTH, TOP, MOST = 440.0, 0.1, 14
+PALETTE, QUESTION = "###palette", "###question"
+
+
+class Palette:
+    """List of the commands whose titles hold the typed words. row: the one that Enter runs."""
+
+    def __init__(self) -> None:
+        self.opening = self.is_open = False
+        self.typed, self.row = "", 0
+
+    def open(self) -> None:
+        """Shows all commands from the next frame on."""
+        self.opening, self.typed, self.row = True, "", 0
+
+    def draw(self, state: State, document: Document, widgets: CommandWidgets, room: tuple[int, int]) -> State:
+        """Draws the list, if it is open; returns the state after the chosen command. room: width and height of the
+        window, screen units.
+        """
+        if self.opening:
+            imgui.open_popup(PALETTE)
+            self.opening = False
+        wide = min(WIDTH * imgui.get_style().font_scale_main, room[0] - 16.0)
+        imgui.set_next_window_pos((room[0] / 2, room[1] * TOP), imgui.Cond_.always, (0.5, 0.0))
+        imgui.set_next_window_size((wide, 0.0))
+        self.is_open = imgui.begin_popup(PALETTE)
+        if not self.is_open:
+            return state
+        if imgui.is_window_appearing():
+            imgui.set_keyboard_focus_here()
+        imgui.set_next_item_width(-1.0)
+        before, flags = self.typed, imgui.InputTextFlags_.enter_returns_true
+        entered, self.typed = imgui.input_text_with_hint("##typed", "what to do", self.typed, flags)
+        found = find_commands(self.typed, widgets.commands.values())[:MOST]
+        moves = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
+        self.row = 0 if self.typed != before else min(max(self.row + moves, 0), max(len(found) - 1, 0))
+        chosen = found[self.row] if entered and found else None
+        for number, command in enumerate(found):
+            if imgui.selectable(f"{command.title}##{command.id}", number == self.row)[0]:
+                chosen = command
+            keys = ", ".join(command.keys)
+            imgui.same_line(max(wide - imgui.calc_text_size(keys).x - 2 * imgui.get_style().window_padding.x, 0.0))
+            imgui.text_disabled(keys)
+        if chosen is not None:
+            imgui.close_current_popup()
+            state = widgets.run(chosen.id, state, document)
+        imgui.end_popup()
+        return state
+
+
+def find_commands(text: str, commands: Iterable[Command]) -> list[Command]:
+    """The commands whose titles hold all words of a text, those that begin with it first."""
+    words = text.lower().split()
+    found = [each for each in commands if all(word in each.title.lower() for word in words)]
+    return sorted(found, key=lambda command: not command.title.lower().startswith(text.lower()))
+
+
+class Questions:
+    """Shows questions one after another, each until it is answered, by Enter with the first answer, or closed by
+    Escape.
+    """
+
+    def __init__(self) -> None:
+        self.waiting: list[Question] = []
+        self.is_open = False
+
+    def ask(self, question: Question) -> None:
+        """Shows a question from the next frame on, unless it waits already."""
+        self.waiting += [question] * (question not in self.waiting)
+
+    def draw(self, widgets: CommandWidgets, room: tuple[int, int]) -> None:
+        """Draws the question, if one is asked; the answer becomes an effect. room: as of `Palette.draw`."""
+        if self.is_open and not imgui.is_popup_open(QUESTION):
+            # Escape closed it
+            self.waiting, self.is_open = self.waiting[1:], False
+        if not self.waiting:
+            return
+        question = self.waiting[0]
+        if not self.is_open:
+            imgui.open_popup(QUESTION)
+            self.is_open = True
+        wide = min(WIDTH * imgui.get_style().font_scale_main, room[0] - 16.0)
+        imgui.set_next_window_pos((room[0] / 2, room[1] / 2), imgui.Cond_.always, (0.5, 0.5))
+        imgui.set_next_window_size((wide, 0.0))
+        flags = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_move
+        if not imgui.begin_popup_modal(f"{question.title}{QUESTION}", None, flags)[0]:
+            return
+        imgui.text_wrapped(plain(question.text))
+        is_entered = imgui.is_key_pressed(imgui.Key.enter, repeat=False) and not imgui.is_window_appearing()
+        # else it presses the button that has the keys
+        is_entered &= not imgui.get_io().nav_visible
+        for number, (text, effect) in enumerate(question.answers):
+            if imgui.button(text) or (is_entered and number == 0):
+                # a text is copied before it is closed
+                if not isinstance(effect, CopyText):
+                    imgui.close_current_popup()
+                    self.waiting, self.is_open = self.waiting[1:], False
+                widgets.effects += [effect] if effect else []
+            imgui.same_line()
+        imgui.new_line()
+        imgui.end_popup()
+
+
+# largest size in screen units at a content scale of 1, and the margin around it
+SIZE, AROUND = (520.0, 420.0), 8.0
+NAME = "###browser"
+
+
+class Browser:
+    """List of the files of a folder. chosen: the chosen paths, until they are taken."""
+
+    def __init__(self) -> None:
+        self.kind, self.title, self.name, self.note = OPEN, "", "", ""
+        self.folder = Path()
+        self.typed = ""
+        self.chosen: tuple[str, ...] = ()
+        # whether to open the list in the next frame, and whether to show files of any type
+        self.opening = self.all = False
+        self.folders: list[str] = []
+        self.files: list[str] = []
+
+    def open(self, kind: str, title: str, folder: Path, name: str) -> None:
+        """Shows a folder from the next frame on. name: the proposed file name."""
+        self.kind, self.title, self.name, self.opening = kind, title, name, True
+        self._go(folder)
+
+    def take(self) -> tuple[str, ...]:
+        """Returns the chosen paths, once."""
+        chosen, self.chosen = self.chosen, ()
+        return chosen
+
+    def draw(self, window: tuple[int, int]) -> None:
+        """Draws the list, if it is open. window: its size."""
+        if self.opening:
+            imgui.open_popup(NAME)
+            self.opening = False
+        scale = imgui.get_style().font_scale_main
+        size = [min(each * scale, room - 2 * AROUND) for each, room in zip(SIZE, window, strict=True)]
+        imgui.set_next_window_pos((window[0] / 2, window[1] / 2), imgui.Cond_.always, (0.5, 0.5))
+        imgui.set_next_window_size((size[0], size[1]))
+        fixed = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_move
+        shown, _ = imgui.begin_popup_modal(f"{self.title}{NAME}", None, fixed)
+        if not shown:
+            return
+        imgui.set_next_item_width(-1.0)
+        entered, self.typed = imgui.input_text("##folder", self.typed, imgui.InputTextFlags_.enter_returns_true)
+        if entered:
+            self._go(Path(self.typed).expanduser())
+        foot = imgui.get_frame_height_with_spacing() * 2.2
+        if imgui.begin_child("##list", (0.0, -foot), imgui.ChildFlags_.borders):
+            self._list()
+        imgui.end_child()
+        self._foot()
+        imgui.end_popup()
+
+    def _list(self) -> None:
+        stays = imgui.SelectableFlags_.no_auto_close_popups
+        twice = stays | imgui.SelectableFlags_.allow_double_click
+        if self.note:
+            imgui.text_wrapped(self.note)
+        for name in ("..", *self.folders):
+            if imgui.selectable(f"{legible(name)}/", False, stays)[0]:
+                self._go(self.folder.parent if name == ".." else self.folder / name)
+                return
+        for name in self.files:
+            if imgui.selectable(legible(name), name == self.name, twice)[0]:
+                self.name = name
+                if self.kind != SAVE and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
+                    self._choose(name)
+
+    def _foot(self) -> None:
+        """The name and the buttons."""
+        imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.6)
+        if self.kind == SAVE and imgui.is_window_appearing():
+            # typed text replaces the name
+            imgui.set_keyboard_focus_here()
+        flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
+        shown = legible(self.name)
+        entered, name = imgui.input_text("##name", shown, flags)
+        self.name = self.name if name == shown else name
+        imgui.same_line()
+        changed, self.all = imgui.checkbox("all files", self.all)
+        if changed:
+            self._go(self.folder)
+        there = bool(self.name) and os.path.exists(self.folder / self.name)
+        word = self.kind if self.kind != SAVE else "replace it" if there else "save"
+        # the enter key replaces no existing file
+        if (imgui.button(word) or (entered and word != "replace it")) and self.name:
+            self._choose(self.name)
+        if self.kind != SAVE:
+            imgui.same_line()
+            if imgui.button("open this folder"):
+                self._choose("")
+            imgui.set_item_tooltip("DICOM slices, Zarr, numbered pictures.")
+        imgui.same_line()
+        if imgui.button("cancel"):
+            imgui.close_current_popup()
+
+    def _choose(self, name: str) -> None:
+        path = self.folder / name
+        if name and self.kind != SAVE and os.path.isdir(path):
+            self._go(path)
+            return
+        if self.kind == SAVE:
+            try:
+                check_target(path)
+            except USER_ERRORS as error:
+                # the list stays, with the reason
+                self.note = error_text(error)
+                return
+        self.chosen = (str(path),)
+        imgui.close_current_popup()
+
+    def _go(self, folder: Path) -> None:
+        """Lists another folder; the list shows why a folder cannot be read."""
+        self.folder, self.note = Path(os.path.abspath(folder)), ""
+        self.typed, self.folders, self.files = legible(str(self.folder)), [], []
+        try:
+            with os.scandir(self.folder) as entries:
+                names = sorted((not entry.is_dir(), entry.name) for entry in entries if entry.name[0] != ".")
+        except OSError as error:
+            self.note = f"{self.folder}: {error.strerror}"
+            return
+        known = suffixes()
+        self.folders = [name for is_file, name in names if not is_file]
+        self.files = [name for is_file, name in names if is_file and (self.all or name.lower().endswith(known))]
+
 
 # distance of the panel from the edges of the picture that it lies over, screen units
 MARGIN = 8.0

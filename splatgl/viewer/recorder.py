@@ -22,8 +22,8 @@ from splatgl.readers.remote import is_address
 from splatgl.scene.draw import duration
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
+from splatgl.viewer.hud import background_of
 from splatgl.viewer.jobs import NICE
-from splatgl.viewer.overlays import background_of
 from splatgl.viewer.saving import scene_of
 from splatgl.viewer.state import State
 

@@ -95,7 +95,7 @@ def start_reading(scene: SceneFile, source: str = "", reopen: Reopen | None = No
     """Starts to read a scene. Raises the errors of its reader that occur within AT_ONCE. source: path that is watched,
     and that `reopen` reads again; "": none.
     """
-    from splatgl.viewer.file_watch import watched_files
+    from splatgl.viewer.files import watched_files
     from splatgl.viewer.jobs import Jobs
     from splatgl.viewer.loading import Files
 

@@ -19,9 +19,12 @@ from splatgl.geometry.slices import ANATOMY, Painter, SlicePlane, world_axes
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.scene.meshes import is_mesh
 from splatgl.viewer.jobs import Jobs, Kind
-from splatgl.viewer.oblique import (
+from splatgl.viewer.segments import segment_name
+from splatgl.viewer.slice_planes import (
     STRAIGHT,
     Turn,
+    layer_looks,
+    layer_painter,
     middle,
     normals,
     planes,
@@ -29,11 +32,8 @@ from splatgl.viewer.oblique import (
     with_slices,
     with_turn,
 )
-from splatgl.viewer.segments import segment_name
-from splatgl.viewer.slice_pixels import layer_looks, layer_painter
 from splatgl.viewer.state import Slices
-from splatgl.viewer.tool import Place, Pointer, Tool, View
-from splatgl.viewer.trackball import project_segment
+from splatgl.viewer.trackball import Place, Pointer, Tool, View, project_segment
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document

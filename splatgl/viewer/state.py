@@ -20,7 +20,7 @@ from splatgl.splat.settings import Motions, Settings
 from splatgl.transfer.regions import OPAQUE
 from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.movie_track import Movie, Preview
-from splatgl.viewer.oblique import STRAIGHT, Turn, shares, slices_of
+from splatgl.viewer.slice_planes import STRAIGHT, Turn, shares, slices_of
 from splatgl.viewer.trackball import Pose
 
 if TYPE_CHECKING:

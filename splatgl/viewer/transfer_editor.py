@@ -1,24 +1,180 @@
-"""The curve of opacity over the histogram, its edits by mouse, and the list of iso-surfaces."""
+"""Editors of a transfer function by mouse: curve of opacity, bar of colours, list of iso-surfaces, and regions."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from imgui_bundle import imgui, implot
 from numpy.typing import ArrayLike
 
-from splatgl.data.color import linear_from_srgb, srgb_of_name
+from splatgl.annotations.text import plain
+from splatgl.data.color import linear_from_srgb, srgb_from_linear, srgb_of_name
 from splatgl.data.volume import Volume
+from splatgl.splat.extract_values import gradients
 from splatgl.transfer.presets import SURFACE
-from splatgl.transfer.regions import MOST_ISO, Iso
+from splatgl.transfer.regions import ENDLESS, MOST_ISO, MOST_REGIONS, Iso, Region
 from splatgl.transfer.statistics import Statistics, statistics
 from splatgl.transfer.transfer import Nodes, Transfer
-from splatgl.transfer.transfer_nodes import SHAPES, shape_nodes, shape_of
-from splatgl.viewer.color_strip import ColorStrip, add_point, move_point, remove_point
+from splatgl.transfer.transfer_nodes import SHAPES, ColorPoints, color_points, shape_nodes, shape_of, with_color_points
 from splatgl.viewer.panel_sections import label_left, pick_color, pick_opacity
 from splatgl.viewer.preset_gallery import EDITED
+
+# number of colours in the strip; radius of a point at a content scale of 1, screen units
+COLORS, COLOR_POINT = 64, 5.0
+PICKER = "##color of a value"
+COLOR_HINT = (
+    "double click for a colour here; click a point to recolour it; drag moves, right click or ctrl+click removes"
+)
+# values with their opacities or colours, in order
+Points = Sequence[Any]
+
+
+def code_of(color: np.ndarray | list[float]) -> str:
+    """#rrggbb of sRGB from 0 to 1."""
+    return "#" + bytes(np.rint(255 * np.clip(color, 0.0, 1.0)).astype(np.uint8)).hex()
+
+
+def move_point(points: Points, number: int, value: float, other: float | str) -> Points:
+    """The points with one at another value, between its neighbours. other: its opacity or colour."""
+    low = points[number - 1][0] if number else -np.inf
+    high = points[number + 1][0] if number + 1 < len(points) else np.inf
+    return (*points[:number], (float(np.clip(value, low, high)), other), *points[number + 1 :])
+
+
+def add_point(points: Points, value: float, other: float | str) -> tuple[Points, int]:
+    """The points with one more, and its number."""
+    number = int(np.searchsorted([value for value, _ in points], value))
+    return (*points[:number], (value, other), *points[number:]), number
+
+
+def remove_point(points: Points, number: int) -> Points:
+    """The points without one; the last one is never removed."""
+    return points if len(points) == 1 else (*points[:number], *points[number + 1 :])
+
+
+class ColorStrip:
+    """Draws the strip and holds what outlasts a frame."""
+
+    def __init__(self) -> None:
+        # the drawn colours, and their key
+        self.colored: object = None
+        self.colors: list[imgui.ImVec4] = []
+        # points as they were edited, and the transfer function that has them: text would round them in each frame
+        self.made: Transfer | None = None
+        self.points: ColorPoints = ()
+        # the point whose colour is picked, and whether the held one was moved
+        self.picked, self.moved = 0, False
+
+    def draw(self, transfer: Transfer, span: tuple[float, float], room: tuple[float, float], high: float) -> Transfer:
+        """The strip; returns the edited transfer function. span: values at its ends; room: its left end and width,
+        screen units; high: its height.
+        """
+        top = imgui.get_cursor_screen_pos().y
+        self._paint(transfer, span, room, (top, high))
+        points = self.points if transfer == self.made else color_points(transfer)
+        edited = self._edit_points(points, span, room, (top, high))
+        imgui.set_cursor_screen_pos((room[0], top))
+        imgui.invisible_button("##colors", (room[1], high))
+        if imgui.is_item_hovered():
+            value = _value_at(imgui.get_mouse_pos().x, span, room)
+            imgui.set_tooltip(f"{value:.4g}\n{COLOR_HINT}")
+            if edited is points and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
+                color = srgb_from_linear(np.clip(transfer.color(np.array(value)), 0.0, 1.0))
+                edited, _ = add_point(points, value, code_of(color))
+        edited = self._pick(edited, span)
+        if edited is points:
+            return transfer
+        self.made, self.points = with_color_points(transfer, edited), edited
+        return self.made
+
+    def _paint(
+        self, transfer: Transfer, span: tuple[float, float], room: tuple[float, float], rows: tuple[float, float]
+    ) -> None:
+        """Draws the colours. rows: the strip's top and height."""
+        if (transfer, span) != self.colored:
+            values = span[0] + (np.arange(COLORS) + 0.5) / COLORS * (span[1] - span[0])
+            colors = srgb_from_linear(np.clip(transfer.color(values), 0.0, 1.0))
+            self.colors = [imgui.ImVec4(*(float(part) for part in (*rgb, 1.0))) for rgb in colors]
+            self.colored = transfer, span
+        pen, step = imgui.get_window_draw_list(), room[1] / COLORS
+        for number, color in enumerate(self.colors):
+            left = room[0] + number * step
+            corners = imgui.ImVec2(left, rows[0]), imgui.ImVec2(left + step + 1, rows[0] + rows[1])
+            pen.add_rect_filled(*corners, int(imgui.get_color_u32(color)))
+
+    def _edit_points(
+        self, points: ColorPoints, span: tuple[float, float], room: tuple[float, float], rows: tuple[float, float]
+    ) -> ColorPoints:
+        """The points after mouse input; draws those within the span."""
+        radius, edited = COLOR_POINT * imgui.get_style().font_scale_main, points
+        for number, (value, code) in enumerate(points):
+            place = room[0] + (value - span[0]) / (span[1] - span[0]) * room[1]
+            if not room[0] <= place <= room[0] + room[1]:
+                continue
+            imgui.set_cursor_screen_pos((place - radius, rows[0]))
+            imgui.invisible_button(f"##color {number}", (2 * radius, rows[1]))
+            self._mark(place, rows[0] + rows[1] / 2, radius, code)
+            if edited is points:
+                edited = self._edit_point(points, number, span, room)
+        return edited
+
+    def _edit_point(
+        self, points: ColorPoints, number: int, span: tuple[float, float], room: tuple[float, float]
+    ) -> ColorPoints:
+        """The points after input to the last widget, one of them."""
+        removes = imgui.is_item_clicked(imgui.MouseButton_.right)
+        removes |= imgui.get_io().key_ctrl and imgui.is_item_clicked(imgui.MouseButton_.left)
+        if removes:
+            return remove_point(points, number)
+        if imgui.is_item_activated():
+            self.moved = False
+        if imgui.is_item_active() and imgui.is_mouse_dragging(imgui.MouseButton_.left):
+            self.moved = True
+            return move_point(points, number, _value_at(imgui.get_mouse_pos().x, span, room), points[number][1])
+        if imgui.is_item_deactivated() and not self.moved:
+            self.picked = number
+            imgui.open_popup(PICKER)
+        if imgui.is_item_hovered():
+            imgui.set_tooltip(f"{points[number][0]:.5g}: {points[number][1]}")
+        return points
+
+    def _mark(self, x: float, y: float, radius: float, code: str) -> None:
+        pen = imgui.get_window_draw_list()
+        rgb = [part / 255 for part in bytes.fromhex(code[1:])]
+        for size, color in ((radius, (0.0, 0.0, 0.0)), (radius - 1, (1.0, 1.0, 1.0)), (radius - 2, tuple(rgb))):
+            pen.add_circle_filled(imgui.ImVec2(x, y), size, int(imgui.get_color_u32(imgui.ImVec4(*color, 1.0))))
+
+    def _pick(self, points: ColorPoints, span: tuple[float, float]) -> ColorPoints:
+        """The points after input to the picker of a colour and its value, if it is open."""
+        if not imgui.begin_popup(PICKER):
+            return points
+        number = min(self.picked, len(points) - 1)
+        rgb = [part / 255 for part in bytes.fromhex(points[number][1][1:])]
+        changed, color = imgui.color_picker3("##color", rgb, imgui.ColorEditFlags_.no_side_preview)
+        if changed:
+            points = move_point(points, number, points[number][0], code_of(list(color)))
+        moved, value = imgui.drag_float("value", points[number][0], (span[1] - span[0]) / (4 * COLORS), format="%.5g")
+        points = move_point(points, number, value, points[number][1]) if moved else points
+        if imgui.button("one more"):
+            following = points[number + 1][0] if number + 1 < len(points) else span[1]
+            points, _ = add_point(points, (points[number][0] + following) / 2, points[number][1])
+        imgui.set_item_tooltip("Adds a point of this colour, halfway to the next one.")
+        imgui.same_line()
+        if imgui.button("remove"):
+            points = remove_point(points, number)
+            imgui.close_current_popup()
+        imgui.end_popup()
+        return points
+
+
+def _value_at(x: float, span: tuple[float, float], room: tuple[float, float]) -> float:
+    """The value at a place of the screen."""
+    return float(span[0] + np.clip((x - room[0]) / room[1], 0.0, 1.0) * (span[1] - span[0]))
+
 
 # opacities up to this take about as much of the axis as each decade above
 FINE = 0.01
@@ -330,3 +486,196 @@ def _free_value(values: list[float], low: float, high: float) -> float:
     ends = np.unique([low, *np.clip(values, low, high), high])
     widest = int(np.diff(ends).argmax())
     return float(f"{(ends[widest] + ends[widest + 1]) / 2:.6g}")
+
+
+# most voxels that are counted, and planes read of volumes that are not in memory
+MOST, PLANES = 2**20, 32
+# percentile of the gradients at the upper end
+STEEP = 99.95
+# columns and rows of the histogram
+REGION_BINS = (128, 64)
+# shapes that are added by mouse, and colours of regions one after the other
+REGION_SHAPES = ("box", "triangle", "gaussian")
+REGION_COLORS = ("#e8b04a", "#4aa3e8", "#e8574a", "#6ecb63", "#b57be0", "#e88fc0")
+# opacity of a new region, and the shares of the plot between which it lies
+OPACITY, BETWEEN = 0.3, (0.35, 0.65)
+REGION_HINT = "drag a region's middle, sides or corners; the wheel zooms, a drag beside them moves"
+
+
+@dataclass(frozen=True, eq=False)
+class JointHistogram:
+    """counts [rows, columns] of voxels: rows by gradient magnitude, values per world length, columns by value.
+    gradients: limits of the rows, from 0 on.
+    """
+
+    counts: np.ndarray
+    values: tuple[float, float]
+    gradients: tuple[float, float]
+
+    @classmethod
+    def of(cls, volume: Volume, values: tuple[float, float], bins: tuple[int, int]) -> JointHistogram:
+        """Counts a volume's voxels, at most about MOST, between two values. bins: columns and rows."""
+        value, size = _pairs(volume)
+        within = size[(value >= values[0]) & (value <= values[1])]
+        top = float(np.percentile(within, STEEP)) if len(within) else 0.0
+        top = top if top > 0 else 1.0
+        counts, _, _ = np.histogram2d(size, value, bins[::-1], ((0.0, top), values))
+        return cls(counts, values, (0.0, top))
+
+    @property
+    def heights(self) -> np.ndarray:
+        """Logarithms of the counts over the largest one, from 0 to 1."""
+        logs = np.log1p(self.counts)
+        return np.asarray(logs / max(float(logs.max()), 1e-9))
+
+
+def _pairs(volume: Volume) -> tuple[np.ndarray, np.ndarray]:
+    """Values [N] and gradient magnitudes [N] of voxels with neighbours all around; every so many voxels."""
+    depth = volume.shape[0]
+    first = max((depth - PLANES) // 2, 0)
+    whole = isinstance(volume.samples, np.ndarray)
+    samples = np.ascontiguousarray(volume.samples if whole else volume.samples[first : first + PLANES])
+    inner = np.array(samples.shape) - 2
+    step = max(int(np.ceil((max(inner.prod(), 1) / MOST) ** (1 / 3))), 1)
+    z, y, x = (axis.ravel() for axis in np.meshgrid(*(np.arange(1, n + 1, step) for n in inner), indexing="ij"))
+    slope = gradients(samples, x, y, z, 2) @ np.linalg.inv(volume.world_from_index)
+    value, size = samples[z, y, x].astype(np.float64), np.linalg.norm(slope, axis=1)
+    known = np.isfinite(value) & np.isfinite(size)
+    return value[known], size[known]
+
+
+def rounded(number: float) -> float:
+    """The number with the digits that a copied command has, so that it draws the same picture."""
+    return float(f"{number:.6g}")
+
+
+def add_region(transfer: Transfer, shape: str, plot: JointHistogram) -> Transfer:
+    """The transfer function with a region in the middle of the plot, in the next colour."""
+    low, high = BETWEEN
+    (least, most), top = plot.values, plot.gradients[1]
+    values = (rounded(least + (most - least) * low), rounded(least + (most - least) * high))
+    sizes = (0.0 if shape == "triangle" else rounded(top * low), rounded(top * high))
+    color = REGION_COLORS[len(transfer.regions) % len(REGION_COLORS)]
+    return replace(transfer, regions=[*transfer.regions, Region(shape, values, sizes, color, OPACITY)])
+
+
+def change_region(transfer: Transfer, number: int, region: Region | None) -> Transfer:
+    """The transfer function with another region at a place; None: with none there."""
+    regions = list(transfer.regions)
+    regions[number : number + 1] = [] if region is None else [region]
+    return replace(transfer, regions=regions)
+
+
+def move_region(region: Region, values: tuple[float, float], sizes: tuple[float, float]) -> Region:
+    """The region between other limits; ends that are endless stay, and limits that leave no room change nothing."""
+    old = (*region.values, *region.gradients)
+    new = [was if np.isinf(was) else rounded(now) for was, now in zip(old, (*values, *sizes), strict=True)]
+    new[2] = max(new[2], 0.0)
+    if not (new[0] < new[1] and new[2] < new[3]):
+        return region
+    return replace(region, values=tuple(new[:2]), gradients=tuple(new[2:]))
+
+
+def without_curve(transfer: Transfer) -> Transfer:
+    """The transfer function of the regions alone."""
+    return replace(transfer, points=[(value, 0.0) for value, _ in transfer.points])
+
+
+class RegionEditor:
+    """Draws the joint histogram with the regions, and holds the histogram."""
+
+    def __init__(self) -> None:
+        self.volume: object = None
+        self.plot: JointHistogram | None = None
+        self.heights = np.zeros((1, 1))
+
+    def histogram_of(self, volume: Volume, stats: Statistics) -> JointHistogram:
+        """Joint histogram of the displayed volume, computed once."""
+        if self.plot is None or self.volume is not volume:
+            self.volume, self.plot = volume, JointHistogram.of(volume, value_range(stats), REGION_BINS)
+            # the first row is drawn on top
+            self.heights = np.ascontiguousarray(self.plot.heights[::-1])
+        return self.plot
+
+    def draw(self, transfer: Transfer, volume: Volume, stats: Statistics) -> Transfer:
+        """The plot, its regions and their list; returns the edited transfer function."""
+        plot, scale = self.histogram_of(volume, stats), imgui.get_style().font_scale_main
+        quiet = implot.Flags_.canvas_only | implot.Flags_.no_frame
+        implot.push_colormap(implot.Colormap_.greys)
+        if implot.begin_plot("##regions", imgui.ImVec2(-1.0, HEIGHT * scale), quiet):
+            transfer = self._regions(transfer, plot, volume)
+            implot.end_plot()
+        implot.pop_colormap()
+        transfer = self._buttons(transfer, plot)
+        for number, region in enumerate(transfer.regions):
+            changed = self._row(number, region)
+            if changed is not region:
+                return change_region(transfer, number, changed)
+        return transfer
+
+    def _regions(self, transfer: Transfer, plot: JointHistogram, volume: Volume) -> Transfer:
+        """The histogram and the regions, after mouse input."""
+        fixed = implot.AxisFlags_.no_highlight | implot.AxisFlags_.no_side_switch
+        implot.setup_axis(implot.ImAxis_.x1, volume.value_unit or None, fixed)
+        implot.setup_axis(implot.ImAxis_.y1, "gradient", fixed)
+        implot.setup_axis_limits(implot.ImAxis_.x1, *plot.values)
+        implot.setup_axis_limits(implot.ImAxis_.y1, *plot.gradients)
+        implot.setup_finish()
+        low, high = (implot.Point(plot.values[end], plot.gradients[end]) for end in (0, 1))
+        # white is the first of the greys: dense is bright, as regions have bright colours
+        implot.plot_heatmap("##joint", self.heights, 1.0, 0.0, "", low, high)
+        for number, region in enumerate(transfer.regions):
+            moved = _drag(number, region, plot)
+            transfer = transfer if moved is region else change_region(transfer, number, moved)
+        if implot.is_plot_hovered():
+            at = implot.get_plot_mouse_pos()
+            imgui.set_tooltip(f"value {at.x:.4g}, gradient {at.y:.4g}\n{REGION_HINT}")
+        return transfer
+
+    def _buttons(self, transfer: Transfer, plot: JointHistogram) -> Transfer:
+        """Buttons that add regions and clear the curve."""
+        for shape in REGION_SHAPES if len(transfer.regions) < MOST_REGIONS else ():
+            if imgui.button(f"+ {shape}"):
+                return add_region(transfer, shape, plot)
+            imgui.set_item_tooltip(f"One more region: a {shape}.")
+            imgui.same_line()
+        if any(opacity > 0 for _, opacity in transfer.points):
+            if imgui.button("regions alone"):
+                return without_curve(transfer)
+            imgui.set_item_tooltip("Takes the opacity of the curve over values away.")
+        else:
+            imgui.new_line()
+        return transfer
+
+    def _row(self, number: int, region: Region) -> Region | None:
+        """Colour, opacity and a button that removes a region; returns the edited one, None if it is removed."""
+        imgui.push_id(f"region {number}")
+        room = imgui.get_content_region_avail().x
+        imgui.align_text_to_frame_padding()
+        imgui.text(plain(region.shape))
+        if not region.is_image:
+            color = pick_color(tuple(linear_from_srgb(np.array(srgb_of_name(region.color)) / 255)))
+            region = replace(region, color=color) if color and color != region.color else region
+        opacity = pick_opacity(region.opacity, room)
+        region = replace(region, opacity=opacity) if opacity != region.opacity else region
+        imgui.same_line()
+        removed = imgui.button("remove")
+        imgui.pop_id()
+        return None if removed else region
+
+
+def _drag(number: int, region: Region, plot: JointHistogram) -> Region:
+    """A region after mouse input, and its outline."""
+    ends = np.clip([*region.values, *region.gradients], -ENDLESS, ENDLESS)
+    # endless sides are drawn at the ends of the plot
+    limits = (*plot.values, *plot.gradients)
+    low, high, least, most = (
+        float(limit if abs(end) >= ENDLESS else end) for end, limit in zip(ends, limits, strict=True)
+    )
+    rgb = (1.0, 1.0, 1.0) if region.is_image else tuple(part / 255 for part in srgb_of_name(region.color))
+    color = imgui.ImVec4(*rgb, 1.0)
+    moved, x1, y1, x2, y2, *_ = implot.drag_rect(number, low, least, high, most, color, 0, False, False, False)
+    if region.shape == "triangle":
+        xs, ys = np.array([low, (low + high) / 2, high]), np.array([most, least, most])
+        implot.plot_line(f"##{number}", xs, ys, implot.Spec(line_color=color, line_weight=2.0))
+    return move_region(region, (min(x1, x2), max(x1, x2)), (min(y1, y2), max(y1, y2))) if moved else region

@@ -30,24 +30,21 @@ from splatgl.viewer.adaptive_quality import (
     Wanted,
     return_large_blocks,
 )
-from splatgl.viewer.commands import COMMANDS, Command, Effect, Open, OpenOption
+from splatgl.viewer.commands import COMMANDS, Command, Effect, Open, OpenOption, ask_for_files, ask_to_leave, tell_error
 from splatgl.viewer.document import Document
 from splatgl.viewer.effects import COUNT, EXTRACTING, OPENING, PICTURE, Performer
+from splatgl.viewer.files import Arrangement, Recent
 from splatgl.viewer.frame_renderer import FrameRenderer
-from splatgl.viewer.hud import progress_text
+from splatgl.viewer.hud import Overlays, progress_text
 from splatgl.viewer.input import InputHandler
 from splatgl.viewer.jobs import Extractor, Jobs
 from splatgl.viewer.loading import Files
 from splatgl.viewer.movie_track import stop_preview
-from splatgl.viewer.overlays import Overlays
-from splatgl.viewer.questions import ask_for_files, ask_to_leave, tell_error
 from splatgl.viewer.recorder import Recorder
 from splatgl.viewer.reference_view import Reference, ReferenceInputs
-from splatgl.viewer.remembered import Arrangement, Recent
 from splatgl.viewer.slice_views import SliceTool, column_width
 from splatgl.viewer.state import THEMES, History, State, changed_fields, played, stated_transfers
-from splatgl.viewer.tool import MouseEvent, Pointer, View, docked_width, is_roomy
-from splatgl.viewer.trackball import up_direction
+from splatgl.viewer.trackball import MouseEvent, Pointer, View, docked_width, is_roomy, up_direction
 from splatgl.viewer.window import Window
 
 # screen units of the first window

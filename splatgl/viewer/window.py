@@ -13,7 +13,7 @@ from splatgl.annotations.text import legible
 from splatgl.gl.backends import BackendError
 from splatgl.gl.screen import Screen
 from splatgl.viewer.input import from_character, from_key, modifiers
-from splatgl.viewer.tool import Place, Pointer
+from splatgl.viewer.trackball import Place, Pointer
 
 if TYPE_CHECKING:
     from splatgl.viewer.viewer import Viewer

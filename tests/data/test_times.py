@@ -18,7 +18,7 @@ from splatgl.errors import InputError
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
-from splatgl.viewer.overlays import annotation_inputs
+from splatgl.viewer.hud import annotation_inputs
 from splatgl.viewer.state import State
 
 SIZE = 5

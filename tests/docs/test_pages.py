@@ -35,7 +35,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.splat import kernels
 from splatgl.splat.settings import Settings, choices
 from splatgl.viewer import commands
-from splatgl.viewer.key_bindings import load_bindings
+from splatgl.viewer.input import load_bindings
 from splatgl.writers import TARGETS
 from tests.stress import CASES
 

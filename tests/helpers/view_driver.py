@@ -27,7 +27,7 @@ from splatgl.gl.renderer import Renderer
 from splatgl.readers import ome_zarr
 from splatgl.scene.scene_file import SceneFile
 from splatgl.transfer.transfer_nodes import color_points
-from splatgl.viewer import hud, stand_in, trackball
+from splatgl.viewer import adaptive_quality, hud, trackball
 from splatgl.viewer.adaptive_quality import REST
 from splatgl.viewer.commands import Request
 from splatgl.viewer.document import Document
@@ -36,7 +36,7 @@ from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.loading import Files
 from splatgl.viewer.show import start_reading
 from splatgl.viewer.state import LayerStyle
-from splatgl.viewer.tool import Pointer
+from splatgl.viewer.trackball import Pointer
 from splatgl.viewer.viewer import Options, Viewer
 
 DOUBLE = trackball.DOUBLE
@@ -342,7 +342,7 @@ def main() -> None:
     backend = asked.pop("backend", "window")
     if "free" in asked:
         # bytes of memory that documents may take
-        vars(stand_in)["budget"] = partial(int, asked.pop("free"))
+        vars(adaptive_quality)["budget"] = partial(int, asked.pop("free"))
     if "whole" in asked:
         # bytes of samples that are read at once
         vars(ome_zarr)["WHOLE"] = asked.pop("whole")

@@ -22,7 +22,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.transfer.colormaps import colormap
 from splatgl.viewer.document import Document
-from splatgl.viewer.overlays import annotation_inputs
+from splatgl.viewer.hud import annotation_inputs
 from splatgl.viewer.state import State
 from tests.helpers.meshes import PLAIN, along_y, block, cloud, knots
 

@@ -18,7 +18,7 @@ from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.geometry.slices import Painted
 from splatgl.scene.scene_file import SceneFile
-from splatgl.viewer.slice_pixels import layer_painter
+from splatgl.viewer.slice_planes import layer_painter
 from tests.helpers.meshes import PLAIN, RED, block, cloud, knots
 
 pytestmark = pytest.mark.usefixtures("shared_programs")

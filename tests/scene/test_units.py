@@ -18,8 +18,8 @@ from splatgl.geometry.scissors import Scissors
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
+from splatgl.viewer.adaptive_quality import StandIn
 from splatgl.viewer.document import Document
-from splatgl.viewer.stand_in import StandIn
 from splatgl.writers.surface import save_mesh
 from tests.helpers.blobs import blob
 

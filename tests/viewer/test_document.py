@@ -17,7 +17,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.viewer.commands import why_not
 from splatgl.viewer.document import Document
-from splatgl.viewer.file_watch import watched_files
+from splatgl.viewer.files import watched_files
 from splatgl.viewer.loading import open_document
 from splatgl.viewer.saving import render_scene, save_picture, save_scene, scene_of
 from splatgl.viewer.state import History, State

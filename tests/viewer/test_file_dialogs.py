@@ -12,7 +12,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.viewer.remembered import MOST_RECENT, Arrangement, Recent
+from splatgl.viewer.files import MOST_RECENT, Arrangement, Recent
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, pointed
 

@@ -19,6 +19,7 @@ from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.viewer import layer_splats
+from splatgl.viewer.adaptive_quality import StandIn
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.loading import Added, Files
@@ -26,7 +27,6 @@ from splatgl.viewer.measure_tool import under_cursor
 from splatgl.viewer.saving import scene_of
 from splatgl.viewer.segments import segment_corners
 from splatgl.viewer.slice_views import slice_values
-from splatgl.viewer.stand_in import StandIn
 from splatgl.viewer.state import State
 from tests.helpers.blobs import blob
 from tests.helpers.points import write_ply

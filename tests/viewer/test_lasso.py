@@ -10,11 +10,11 @@ import pytest
 
 import splatgl as sg
 from splatgl.scene.scene_file import SceneFile
+from splatgl.viewer.clip_tool import BAD, NO_VOLUME, LassoTool, lasso_strokes
 from splatgl.viewer.document import Document
-from splatgl.viewer.lasso_tool import BAD, NO_VOLUME, LassoTool, lasso_strokes
 from splatgl.viewer.saving import save_scene
 from splatgl.viewer.state import History, State
-from splatgl.viewer.tool import Pointer, View
+from splatgl.viewer.trackball import Pointer, View
 from tests.helpers.commands import acted
 
 SIZE = (64, 48)

@@ -13,11 +13,10 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.scene.meshes import MeshFile, source_key
 from splatgl.scene.scene_file import SceneFile
-from splatgl.viewer.commands import Add, Copy, Open, with_settings
+from splatgl.viewer.commands import Add, Copy, Open, ask_for_files, with_settings
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.loading import Added, Files
-from splatgl.viewer.questions import ask_for_files
 from splatgl.viewer.saving import copy_text, save_scene, scene_of, source_files
 from splatgl.viewer.state import History, State, stated_transfers
 from tests.helpers.blobs import blob

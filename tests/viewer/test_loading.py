@@ -17,14 +17,12 @@ from splatgl.scene.meshes import MeshFile, read_meshes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES, Refiner
-from splatgl.viewer.commands import Leave, Open, OpenOption, Request
+from splatgl.viewer.commands import Leave, Open, OpenOption, Request, ask_to_leave
 from splatgl.viewer.document import Document
 from splatgl.viewer.effects import CHANGED, Performer
-from splatgl.viewer.file_watch import Watch
+from splatgl.viewer.files import Recent, Watch
 from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
 from splatgl.viewer.loading import Added, Files, Loaded, Opened, Reloaded, TimePoint, open_document
-from splatgl.viewer.questions import ask_to_leave
-from splatgl.viewer.remembered import Recent
 from splatgl.viewer.state import History, State, stated_transfers
 from splatgl.viewer.viewer import LEAVING, Options, Viewer
 from tests.helpers.blobs import LONGEST, SIZE, blob

@@ -21,8 +21,8 @@ from splatgl.transfer.statistics import statistics
 from splatgl.viewer import hud, loading, viewer
 from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document
+from splatgl.viewer.input import help_rows
 from splatgl.viewer.jobs import Jobs
-from splatgl.viewer.key_bindings import help_rows
 from splatgl.viewer.loading import Files, Opened
 from splatgl.viewer.state import State
 from tests.helpers.blobs import blob

@@ -12,12 +12,11 @@ import splatgl as sg
 from splatgl.geometry.slices import Painted, parse_slices
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
-from splatgl.viewer.oblique import STRAIGHT, middle, normals, planes, slices_of, texts, turned
 from splatgl.viewer.saving import save_scene, scene_of
-from splatgl.viewer.slice_pixels import layer_painter
+from splatgl.viewer.slice_planes import STRAIGHT, layer_painter, middle, normals, planes, slices_of, texts, turned
 from splatgl.viewer.slice_views import Pane, SliceTool, turn_dots
 from splatgl.viewer.state import History, Slices, State
-from splatgl.viewer.tool import Pointer, View
+from splatgl.viewer.trackball import Pointer, View
 from tests.helpers.commands import acted
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -20,8 +20,8 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import angles
 from splatgl.viewer.commands import TURN, Copy, name_of, with_settings
 from splatgl.viewer.document import Document
+from splatgl.viewer.hud import RULER, TIP, AnnotationInputs, Legend, crop_sprites, ruler_marks
 from splatgl.viewer.measure_tool import add_ruler_point, describe_pick, under_cursor
-from splatgl.viewer.overlays import RULER, TIP, AnnotationInputs, Legend, crop_sprites, ruler_marks
 from splatgl.viewer.saving import copy_text, draw_marks, save_picture, save_scene
 from splatgl.viewer.state import EDITS, History, Ruler, State, changed_fields, played
 from splatgl.viewer.trackball import Mouse, Pose, project, up_direction

@@ -22,7 +22,7 @@ from splatgl.viewer.state import History, State
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Told, Window, pointed
 
-editor = pytest.importorskip("splatgl.viewer.region_editor", exc_type=ImportError)
+editor = pytest.importorskip("splatgl.viewer.transfer_editor", exc_type=ImportError)
 VALUES = (0.0, 100.0)
 
 
@@ -52,9 +52,9 @@ def test_constant_and_thin_volumes_have_a_plot() -> None:
 def test_regions_are_added_changed_and_removed() -> None:
     plot = editor.JointHistogram(np.ones((2, 2)), VALUES, (0.0, 10.0))
     transfer = Transfer([(0, 0.0), (1, 0.5)])
-    for shape in editor.SHAPES:
+    for shape in editor.REGION_SHAPES:
         transfer = editor.add_region(transfer, shape, plot)
-    assert [region.shape for region in transfer.regions] == list(editor.SHAPES)
+    assert [region.shape for region in transfer.regions] == list(editor.REGION_SHAPES)
     assert len({region.color for region in transfer.regions}) == 3 and transfer.regions[1].gradients[0] == 0.0
     box = Region("box", (1, 2), (3, 4), "red", 0.5)
     changed = editor.change_region(transfer, 1, box)
@@ -62,7 +62,7 @@ def test_regions_are_added_changed_and_removed() -> None:
     assert editor.change_region(changed, 0, None).regions == (box, transfer.regions[2])
     alone = editor.without_curve(transfer)
     assert {opacity for _, opacity in alone.points} == {0.0} and alone.regions == transfer.regions
-    assert len(editor.COLORS) < MOST_REGIONS
+    assert len(editor.REGION_COLORS) < MOST_REGIONS
 
 
 def test_moved_regions_stay_regions() -> None:
@@ -82,7 +82,7 @@ def test_a_copy_draws_the_same_picture(tmp_path: Path, renderer: sg.Renderer, mo
     state = replace(State.of(document, (32, 24)), annotate=())
     plot = editor.JointHistogram.of(document.volume, (0.0, float(document.volume.samples.max())), (16, 16))
     history, base = History(state), editor.without_curve(state.style.stated)
-    for shape in editor.SHAPES:
+    for shape in editor.REGION_SHAPES:
         base = editor.add_region(base, shape, plot)
     (low, high), top = plot.values, plot.gradients[1]
     base = editor.change_region(base, 1, editor.move_region(base.regions[1], (low + high / 3, high), (0, top / 3)))

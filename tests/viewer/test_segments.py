@@ -28,7 +28,7 @@ from splatgl.viewer.segments import (
     with_only,
     with_shown,
 )
-from splatgl.viewer.slice_pixels import layer_painter
+from splatgl.viewer.slice_planes import layer_painter
 from splatgl.viewer.slice_views import panes
 from splatgl.viewer.state import History, Slices, State
 from tests.helpers.commands import acted

@@ -19,10 +19,10 @@ from splatgl.gl.screen import Stroke
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
 from splatgl.viewer.saving import append_slices
-from splatgl.viewer.slice_pixels import layer_painter
+from splatgl.viewer.slice_planes import layer_painter
 from splatgl.viewer.slice_views import Pane, SliceTool, clip_strokes, column_width, panes, slice_values
 from splatgl.viewer.state import Slices, State
-from splatgl.viewer.tool import View
+from splatgl.viewer.trackball import View
 from tests.helpers.blobs import blob
 from tests.helpers.commands import acted
 from tests.helpers.window import MISSING, Window, resized

@@ -14,12 +14,11 @@ from splatgl.planning.bricks import EACH, SAMPLE
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
-from splatgl.viewer import stand_in
-from splatgl.viewer.adaptive_quality import STRIDES
+from splatgl.viewer import adaptive_quality
+from splatgl.viewer.adaptive_quality import STRIDES, choose_stand_in
 from splatgl.viewer.document import Document
 from splatgl.viewer.loading import Reloaded
 from splatgl.viewer.saving import scene_of
-from splatgl.viewer.stand_in import choose_stand_in
 from splatgl.viewer.state import LayerStyle, State
 from tests.helpers.bricks import noise
 from tests.helpers.levels import SOFT, with_levels, write
@@ -34,7 +33,9 @@ def volume() -> sg.Volume:
 
 def allow(splats: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Room for so many splats, and little more."""
-    monkeypatch.setattr(stand_in, "budget", lambda: int(PROCESS + SAMPLE * stand_in.PIXELS + (EACH + 4) * splats))
+    monkeypatch.setattr(
+        adaptive_quality, "budget", lambda: int(PROCESS + SAMPLE * adaptive_quality.PIXELS + (EACH + 4) * splats)
+    )
 
 
 def test_what_fits_is_shown_whole(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -43,7 +44,7 @@ def test_what_fits_is_shown_whole(volume: sg.Volume, monkeypatch: pytest.MonkeyP
         found = choose_stand_in(given, ALL, Settings())
         assert found.volume.samples is volume.samples and not found.note and found.finer is None
     # read in a moment or not: what takes longer is preceded by its coarsest level
-    monkeypatch.setattr(stand_in, "LARGE", 1000)
+    monkeypatch.setattr(adaptive_quality, "LARGE", 1000)
     found = choose_stand_in(with_levels(volume, 2), ALL, Settings())
     assert found.volume.shape == (12, 10, 11) and found.note == "level 2 of 2, 11 x 10 x 12 voxels" and found.finer
     found = found.finer()
@@ -59,7 +60,7 @@ def test_a_level_that_fits(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -
     assert found.volume.shape == (24, 20, 22) and found.note == said and found.finer is None
     # whatever fits: most is not read for a window
     allow(volume.count, monkeypatch)
-    monkeypatch.setattr(stand_in, "MOST_OF_LEVEL", volume.count - 1)
+    monkeypatch.setattr(adaptive_quality, "MOST_OF_LEVEL", volume.count - 1)
     assert choose_stand_in(with_levels(volume, 3), ALL, Settings()).note == said
     # the coarser levels are those of pictures in motion
     assert found.volume.coarser[0].shape == (12, 10, 11)
@@ -67,7 +68,7 @@ def test_a_level_that_fits(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -
 
 def test_means_that_fit(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     allow(volume.count / 60, monkeypatch)
-    monkeypatch.setattr(stand_in, "STAND_IN", volume.count / 27)
+    monkeypatch.setattr(adaptive_quality, "STAND_IN", volume.count / 27)
     found = choose_stand_in(volume, ALL, Settings())
     assert found.note == "every 3rd voxel" and np.array_equal(found.volume.samples, volume.samples[::3, ::3, ::3])
     assert found.volume.spacing == (3, 6, 9) and found.volume.origin == volume.origin and found.finer
@@ -100,7 +101,7 @@ def test_contents_keep_opacities_a_length(volume: sg.Volume, tmp_path: Path, mon
 
 @pytest.mark.long
 def test_the_smallest_there_is_where_nothing_fits(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stand_in, "budget", lambda: 1)
+    monkeypatch.setattr(adaptive_quality, "budget", lambda: 1)
     found = choose_stand_in(volume, ALL, Settings())
     assert found.finer and found.finer().volume.shape == (3, 3, 3)
     found = choose_stand_in(with_levels(volume, 2), ALL, Settings())
@@ -112,7 +113,7 @@ def test_a_level_is_saved_with_its_scene(
     volume: sg.Volume, renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path / "v.zarr", with_levels(volume, 3))
-    monkeypatch.setattr(stand_in, "MOST_OF_LEVEL", volume.count - 1)
+    monkeypatch.setattr(adaptive_quality, "MOST_OF_LEVEL", volume.count - 1)
     document = Document.open(SceneFile(str(tmp_path / "v.zarr"), transfer={"points": SOFT.points}))
     found = scene_of(State.of(document, (20, 16)), document)
     assert found.load == {"level": 1} and found.open().shape == document.volume.shape

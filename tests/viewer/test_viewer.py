@@ -22,15 +22,14 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.transfer.statistics import statistics
-from splatgl.viewer import color_strip, hud, transfer_editor
+from splatgl.viewer import hud, transfer_editor
 from splatgl.viewer.adaptive_quality import FULL, LADDER, STRIDES, Level, Moment, Pace, Refiner
 from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document
-from splatgl.viewer.file_watch import Watch, watched_files
+from splatgl.viewer.files import Watch, watched_files
 from splatgl.viewer.frame_renderer import MOMENTS, SHARE, TINT, FrameRenderer, plane_section, share_beyond, tint_splats
-from splatgl.viewer.input import from_character, from_key
+from splatgl.viewer.input import from_character, from_key, keymap, list_bindings, load_bindings, normalize_key, rebind
 from splatgl.viewer.jobs import Jobs, Kind
-from splatgl.viewer.key_bindings import keymap, list_bindings, load_bindings, normalize_key, rebind
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.measure_tool import find_matter
 from splatgl.viewer.reference_view import resize_bilinear
@@ -615,16 +614,18 @@ def test_bars_are_counts() -> None:
 
 def test_points_of_opacities_and_colours() -> None:
     nodes = ((0.0, 0.0), (10.0, 0.5), (20.0, 1.0))
-    assert color_strip.move_point(nodes, 1, 15.0, 0.25) == ((0.0, 0.0), (15.0, 0.25), (20.0, 1.0))
+    assert transfer_editor.move_point(nodes, 1, 15.0, 0.25) == ((0.0, 0.0), (15.0, 0.25), (20.0, 1.0))
     above = transfer_editor.fall(9.0)
-    assert color_strip.move_point(nodes, 1, 99.0, above) == ((0.0, 0.0), (20.0, 1.0), (20.0, 1.0))
-    assert color_strip.add_point(nodes, 12.0, 0.1) == (((0.0, 0.0), (10.0, 0.5), (12.0, 0.1), (20.0, 1.0)), 2)
-    assert color_strip.remove_point(nodes, 0) == nodes[1:] and color_strip.remove_point(nodes[:1], 0) == nodes[:1]
+    assert transfer_editor.move_point(nodes, 1, 99.0, above) == ((0.0, 0.0), (20.0, 1.0), (20.0, 1.0))
+    assert transfer_editor.add_point(nodes, 12.0, 0.1) == (((0.0, 0.0), (10.0, 0.5), (12.0, 0.1), (20.0, 1.0)), 2)
+    assert (
+        transfer_editor.remove_point(nodes, 0) == nodes[1:] and transfer_editor.remove_point(nodes[:1], 0) == nodes[:1]
+    )
     colors = ((0.0, "#000000"), (5.0, "#ff0000"), (9.0, "#ffffff"))
-    assert color_strip.move_point(colors, 1, 20.0, "#ff0000")[1] == (9.0, "#ff0000")
-    assert color_strip.move_point(colors, 2, 20.0, "#ffffff")[2] == (20.0, "#ffffff")
-    assert color_strip.add_point(colors, 7.0, "#00ff00")[0][2] == (7.0, "#00ff00")
-    assert color_strip.code_of([0.0, 0.5, 1.2]) == "#0080ff"
+    assert transfer_editor.move_point(colors, 1, 20.0, "#ff0000")[1] == (9.0, "#ff0000")
+    assert transfer_editor.move_point(colors, 2, 20.0, "#ffffff")[2] == (20.0, "#ffffff")
+    assert transfer_editor.add_point(colors, 7.0, "#00ff00")[0][2] == (7.0, "#00ff00")
+    assert transfer_editor.code_of([0.0, 0.5, 1.2]) == "#0080ff"
 
 
 # --- states -------------------------------------------------------------------------------------------------------

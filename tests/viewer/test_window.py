@@ -19,8 +19,8 @@ from splatgl.data.color import linear_from_srgb
 from splatgl.planning.bricks import bricks_of, estimate_need
 from splatgl.splat.settings import choices
 from splatgl.viewer import transfer_editor
+from splatgl.viewer.adaptive_quality import PIXELS
 from splatgl.viewer.commands import COMMANDS
-from splatgl.viewer.stand_in import PIXELS
 from tests.helpers.blobs import blob
 from tests.helpers.window import (
     DRAG_SOURCE,
