@@ -342,10 +342,10 @@ NOT_IN_MOVIES = {"slices": "--slice: expected none in movies"}
 BY_WORKERS = "expected none, with --workers or --scheduler"
 NOT_BY_WORKERS = {
     "threshold": f"--threshold: {BY_WORKERS}",
-    "scissors": f"--scissors: {BY_WORKERS}",
-    "uncut": f"--uncut: {BY_WORKERS}",
-    "surfaces": f"--surfaces: {BY_WORKERS}",
-    "slice_planes": f"--slice-plane: {BY_WORKERS}",
+    "scissors": f"scissors: {BY_WORKERS}",
+    "uncut": f"uncut: {BY_WORKERS}",
+    "surfaces": f"surfaces: {BY_WORKERS}",
+    "slice_planes": f"slice_planes: {BY_WORKERS}",
     "slices": "--slice: expected no --workers beside it",
     "layer": f"layers: {BY_WORKERS}",
     "a volume of channels": f"channels: {BY_WORKERS}",
