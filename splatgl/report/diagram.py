@@ -16,7 +16,6 @@ from splatgl.report.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, PAP
 from splatgl.report.sweep import Point, SceneResults, front
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.axes import Axes as Plot
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -29,15 +28,7 @@ PRINT_RESOLUTION = 400
 
 # Colours of Okabe and Ito, suitable for colour blindness; forms also differ by dashes.
 BLACK, BLUE, RED, GREEN, ORANGE = "#000000", "#0072B2", "#C44E00", "#00805C", "#C98500"
-PALE, GRAY = "#c4c4c4", "#7a7a7a"
-LINES: dict[str, dict[str, Any]] = {
-    "row1": {"color": BLACK, "linestyle": "-"},
-    "row2": {"color": ORANGE, "linestyle": (0, (1, 1))},
-    "row4": {"color": BLUE, "linestyle": (0, (5, 1.5))},
-    "row5": {"color": RED, "linestyle": "-"},
-    "b": {"color": GREEN, "linestyle": (0, (5, 1.5, 1, 1.5))},
-    "bprime": {"color": BLACK, "linestyle": (0, (1, 1.2))},
-}
+GRAY = "#7a7a7a"
 
 SETTINGS: Any = {
     "font.family": "STIXGeneral",
@@ -91,37 +82,6 @@ def encode(figure: Figure, suffix: str, about: Mapping[str, str], maker: str, dp
     else:
         figure.savefig(buffer, format="png", dpi=dpi, metadata={**about, "Software": maker})
     return buffer.getvalue()
-
-
-def bare(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
-    """Sets the limits, and an equal aspect ratio; removes frame and ticks."""
-    axes.set(xlim=x, ylim=y, aspect="equal")
-    axes.set_axis_off()
-
-
-def draw_eye(axes: Axes, below: float) -> None:
-    """Draws the eye, a dot at the origin, with its name `below`."""
-    axes.plot(0, 0, "o", color=BLACK, ms=4)
-    axes.text(0, -below, "eye", ha="center", va="top")
-
-
-def measure(axes: Axes, start: tuple[float, float], end: tuple[float, float], color: str = BLACK) -> None:
-    """A double-headed arrow between two points, as a dimension line."""
-    arrow = {"arrowstyle": "<|-|>,head_width=0.12,head_length=0.25", "color": color, "lw": 0.7, "shrinkA": 0}
-    axes.annotate("", end, start, arrowprops={**arrow, "shrinkB": 0}, annotation_clip=False)
-
-
-def draw_isolines(
-    axes: Axes, surface: tuple[np.ndarray, ...], levels: Sequence[float], line: dict[str, Any], width: float
-) -> None:
-    """Draws isolines of a surface (x, y, value) in a style of LINES."""
-    axes.contour(*surface, levels, colors=[line["color"]], linestyles=[line["linestyle"]], linewidths=width)
-
-
-def plain(text: str) -> dict[str, Any]:
-    """Text style: centred on its point, on white, to hide lines behind it."""
-    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
-    return {"s": text, "ha": "center", "va": "center", "bbox": box}
 
 
 # directions to try, best first: right, above, below, left, and between

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from paper.figures.drawing import LINES, draw_isolines
 from paper.figures.paper_setup import PAPER, Stretched
 
-from splatgl.report.diagram import BLACK, COLUMN, GRAY, LINES, RED, draw_isolines, sheet
+from splatgl.report.diagram import BLACK, COLUMN, GRAY, RED, sheet
 from splatgl.report.page import Table
 from splatgl.splat.footprint import FORMS, ROWS, Splat, row1
 from splatgl.splat.kernels import Kernel

@@ -6,8 +6,9 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from paper.figures.drawing import bare, measure, plain
 
-from splatgl.report.diagram import BLACK, BLUE, GRAY, GREEN, RED, bare, measure, plain, sheet
+from splatgl.report.diagram import BLACK, BLUE, GRAY, GREEN, RED, sheet
 from splatgl.report.page import Table
 from splatgl.splat.kernels import kernel
 from splatgl.splat.motion_blur import MOTIONS, energy_gain, paper_gain, streak, stretched_footprint
