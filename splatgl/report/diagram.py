@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,43 +82,6 @@ def encode(figure: Figure, suffix: str, about: Mapping[str, str], maker: str, dp
     return buffer.getvalue()
 
 
-# directions to try, best first: right, above, below, left, and between
-DIRECTIONS = np.array([(1, 0), (1, 1), (1, -1), (0, 1), (0, -1), (-1, 0), (-1, 1), (-1, -1)])
-# distance of a label from its point, half size of a point, half width of a line, its sampling distance, pixels
-REACH, POINT, LINE, STEP = 7.0, 4.5, 1.0, 5.0
-
-
-def places(
-    points: np.ndarray, sizes: np.ndarray, frame: np.ndarray, lines: Sequence[np.ndarray] = ()
-) -> list[np.ndarray | None]:
-    """Lower left corner [2] of each label of `sizes` [N, 2] beside points [N, 2], most important first.
-
-    lines: polygons [M, 2] that labels avoid. None for labels without space within `frame` (left, bottom, right, top).
-    """
-    along = np.concatenate([np.zeros((0, 2)), *(_along(line) for line in lines)])
-    taken = [*np.concatenate([points - POINT, points + POINT], axis=1), *np.hstack([along - LINE, along + LINE])]
-    placed: list[np.ndarray | None] = []
-    for point, size in zip(points, sizes, strict=True):
-        corners = (point + d * (REACH / np.hypot(*d)) - size * (1 - d) / 2 for d in DIRECTIONS)
-        boxes = (np.concatenate([corner, corner + size]) for corner in corners)
-        box = next((box for box in boxes if _is_free(box, frame, np.array(taken))), None)
-        placed.append(None if box is None else box[:2])
-        taken += [] if box is None else [box]
-    return placed
-
-
-def _along(line: np.ndarray) -> np.ndarray:
-    """Points every STEP along a polygon, [K, 2]."""
-    parts = [a + (b - a) * np.linspace(0, 1, 2 + int(np.hypot(*(b - a)) / STEP))[:, None] for a, b in pairwise(line)]
-    return np.concatenate([np.zeros((0, 2)), *parts])
-
-
-def _is_free(box: np.ndarray, frame: np.ndarray, taken: np.ndarray) -> bool:
-    """Whether a box lies in the frame, and overlaps none of [N, 4]; each is left, bottom, right, top."""
-    inside = (box[:2] >= frame[:2]).all() and (box[2:] <= frame[2:]).all()
-    return bool(inside and not ((taken[:, :2] < box[2:]) & (taken[:, 2:] > box[:2])).all(axis=1).any())
-
-
 # size of a panel in inches, and of its surroundings; the first panel shows most methods
 PANEL, HEIGHT = 3.1, 3.5
 FIRST = 1.35
@@ -148,25 +109,24 @@ COLORS = (BLUE, RED, GREEN, ORANGE, GRAY)
 # an error of 0 is plotted at this fraction of the smallest nonzero one
 NOTHING = 0.3
 LABEL = 6.5
+# directions of a label from its point to try, best first: right, above, below, left, and between; its alignment there
+DIRECTIONS = ((1, 0), (1, 1), (1, -1), (0, 1), (0, -1), (-1, 0), (-1, 1), (-1, -1))
+ALIGNED, RAISED = {1: "left", 0: "center", -1: "right"}, {1: "bottom", 0: "center", -1: "top"}
+# distance of a label from its point in points of print, and half size of a point in pixels
+REACH, POINT = 5.0, 4.5
 
 
-@dataclass(frozen=True)
-class PlotStyle:
-    """Style of an axis. fill, size: of its markers; size in points."""
-
-    marker: str
-    dashes: Any
-    color: str
-    fill: str = "white"
-    size: float = 4.0
-
-
-def plot_styles() -> dict[str, PlotStyle]:
-    """A style for every axis, each with a unique combination of marker and dashes."""
+def plot_styles() -> dict[str, dict[str, Any]]:
+    """Matplotlib's style of every axis, each with a unique combination of marker and dashes."""
     return {
-        name: PlotStyle(MARKS[n % len(MARKS)], DASHES[n % len(DASHES)], COLORS[n % len(COLORS)])
+        name: _style(MARKS[n % len(MARKS)], COLORS[n % len(COLORS)], linestyle=DASHES[n % len(DASHES)])
         for n, name in enumerate(AXES)
     }
+
+
+def _style(marker: str, color: str, fill: str = "white", size: float = 4.0, linestyle: Any = "none") -> dict[str, Any]:
+    look = {"marker": marker, "markersize": size, "markerfacecolor": fill, "markeredgecolor": color}
+    return {**look, "color": color, "linestyle": linestyle, "markeredgewidth": 0.9, "linewidth": 0.9}
 
 
 def picture(scene: SceneResults, head: Mapping[str, Any]) -> dict[str, bytes]:
@@ -218,11 +178,10 @@ def _panel(plot: Plot, scene: SceneResults, truth: str) -> dict[str, Any]:
             on = _on(axis, points)
             for practical, (mark, fill) in PRACTICAL.items():
                 for point in [point for point in on if point.name == practical]:
-                    marker = PlotStyle(mark, "-", BLACK, fill, 6.0)
-                    shown[practical] = _line(plot, [point], marker, least, False)
+                    shown[practical] = _line(plot, [point], _style(mark, BLACK, fill, 6.0), least)
                     on.remove(point)
             if on:
-                shown[name] = _line(plot, on, look, least, axis.connected)
+                shown[name] = _line(plot, on, look if axis.connected else look | {"linestyle": "none"}, least)
     x, y = _places(front(scene.rivals(truth)), least)
     steps = np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
     (shown["front"],) = plot.plot(*steps, color=BLACK, linewidth=2.6, alpha=0.18, solid_capstyle="round", zorder=1)
@@ -257,23 +216,11 @@ def _places(points: list[Point], least: float) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def _line(plot: Plot, points: list[Point], look: PlotStyle, least: float, connected: bool) -> Any:
+def _line(plot: Plot, points: list[Point], look: Mapping[str, Any], least: float) -> Any:
     x, y = _places(points, least)
     spread = np.abs(np.array([1e3 * np.quantile(p.time.rounds, QUARTILES) for p in points]).T - x)
-    plot.errorbar(x, y, xerr=spread, fmt="none", ecolor=look.color, elinewidth=0.5, alpha=0.6, zorder=2)
-    (drawn,) = plot.plot(
-        x,
-        y,
-        linestyle=look.dashes if connected else "none",
-        color=look.color,
-        marker=look.marker,
-        markersize=look.size,
-        markerfacecolor=look.fill,
-        markeredgecolor=look.color,
-        markeredgewidth=0.9,
-        linewidth=0.9,
-        zorder=4 if look.color == BLACK else 3,
-    )
+    plot.errorbar(x, y, xerr=spread, fmt="none", ecolor=look["color"], elinewidth=0.5, alpha=0.6, zorder=2)
+    (drawn,) = plot.plot(x, y, **look, zorder=4 if look["color"] == BLACK else 3)
     return drawn
 
 
@@ -289,6 +236,8 @@ def _label(plot: Plot, scene: SceneResults, truth: str, canvas: FigureCanvasAgg)
 
     Only ends and members of the front are labelled on a line.
     """
+    from matplotlib.transforms import Bbox
+
     points = [p for p in scene.points(truth) if truth in axis_of(p.name).truths]
     least = min((p.error for p in points if p.error > 0), default=1.0)
     best = {p.name for p in front(scene.rivals(truth))}
@@ -297,14 +246,23 @@ def _label(plot: Plot, scene: SceneResults, truth: str, canvas: FigureCanvasAgg)
         inner |= {p.name for p in _on(axis, {p.name: p for p in points})[1:-1] if axis.connected}
     named = [p for p in points if p.name not in inner - best]
     order = sorted(named, key=lambda p: (p.name not in PRACTICAL, p.name not in best))
-    where = plot.transData.transform(np.column_stack(_places(order, least)))
-    texts = [_text(p.name, {point.name for point in points}) for p in order]
-    renderer = canvas.get_renderer()
-    drawn = [plot.text(0, 0, text, fontsize=LABEL, zorder=6) for text in texts]
-    sizes = np.array([text.get_window_extent(renderer).size for text in drawn])
-    lines = [plot.transData.transform(line.get_xydata()) for line in plot.lines if line.get_linestyle() != "None"]
-    for text, corner in zip(drawn, places(where, sizes, np.array(plot.bbox.extents), lines), strict=True):
-        if corner is None:
-            text.remove()
+    where = np.column_stack(_places(order, least))
+    taken = [Bbox(at + np.array([[-POINT], [POINT]])) for at in plot.transData.transform(where)]
+    lines = [
+        line.get_transform().transform_path(line.get_path()) for line in plot.lines if line.get_linestyle() != "None"
+    ]
+    renderer, names = canvas.get_renderer(), {point.name for point in points}
+    for point, at in zip(order, where.tolist(), strict=True):
+        name, place = _text(point.name, names), (0, 0)
+        text = plot.annotate(name, at, place, textcoords="offset points", fontsize=LABEL, zorder=6)
+        for right, up in DIRECTIONS:
+            offset = REACH / np.hypot(right, up)
+            text.set(position=(right * offset, up * offset), ha=ALIGNED[right], va=RAISED[up])
+            box = text.get_window_extent(renderer)
+            is_inside = plot.bbox.containsx(box.x0) and plot.bbox.containsx(box.x1)
+            is_inside &= plot.bbox.containsy(box.y0) and plot.bbox.containsy(box.y1)
+            if is_inside and not (box.count_overlaps(taken) or any(line.intersects_bbox(box, False) for line in lines)):
+                taken.append(box)
+                break
         else:
-            text.set(position=plot.transData.inverted().transform(corner).tolist(), verticalalignment="bottom")
+            text.remove()

@@ -58,15 +58,6 @@ class Method:
         return chosen.but(**self.changes)
 
     @property
-    def options(self) -> str:
-        """The options of `splatgl render` that draw so; "" if there are none."""
-        if self.paper or self.row or self.z_s_share is not None:
-            return ""
-        given = {"threshold": self.threshold, **self.changes} if self.threshold else self.changes
-        flags = [f"--{name.replace('_', '-')} {value}" for name, value in given.items()]
-        return " ".join([*([] if self.from_scene else ["--like 0.1"]), *flags])
-
-    @property
     def words(self) -> str:
         """The name for newcomers."""
         if self.coarse:

@@ -9,42 +9,16 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.cli.main import _parser
-from splatgl.report.diagram import _figure, picture, places, plot_styles
+from splatgl.report.diagram import _figure, picture, plot_styles
 from splatgl.report.methods import DEFAULT, EXACT, TRUTHS, methods
 from splatgl.report.page import choices, conclusion
 from splatgl.report.sweep import Row, SceneResults, Subject, Timing
 
-FRAME = np.array([0.0, 0.0, 400.0, 300.0])
 HEAD = {"version": "0", "machine": {"renderer": "llvmpipe (LLVM)"}}
 
 
-def test_labels_overlap_nothing(rng: np.random.Generator) -> None:
-    points = rng.uniform((20, 20), (380, 280), (30, 2))
-    sizes = np.array([(rng.uniform(20, 60), 9.0) for _ in points])
-    found = places(points, sizes, FRAME, [points[:6]])
-    boxes = [(*p, *(p + size)) for p, size in zip(found, sizes, strict=True) if p is not None]
-    assert len(boxes) > 20
-    for a, b in combinations(boxes, 2):
-        assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
-    for box in boxes:
-        assert box[0] >= 0 and box[1] >= 0 and box[2] <= 400 and box[3] <= 300
-        inside = (points > (box[0], box[1])).all(axis=1) & (points < (box[2], box[3])).all(axis=1)
-        assert not inside.any()
-
-
-def test_a_label_without_room_is_left_out() -> None:
-    small = np.array([0.0, 0.0, 30.0, 12.0])
-    assert places(np.array([[15.0, 6.0]]), np.array([(60.0, 9.0)]), small) == [None]
-
-
-def test_the_first_label_is_nearest() -> None:
-    first, second = places(np.array([[100.0, 100.0], [300.0, 200.0]]), np.array([(30.0, 9.0)] * 2), FRAME)
-    assert first is not None and second is not None and first[0] == pytest.approx(107.0)
-
-
 def test_axes_differ_without_colour() -> None:
-    told = [(look.marker, str(look.dashes)) for look in plot_styles().values()]
+    told = [(look["marker"], str(look["linestyle"])) for look in plot_styles().values()]
     assert len(set(told)) == len(told)
 
 
@@ -70,6 +44,19 @@ def test_the_legend_names_every_mark() -> None:
     (legend,) = _figure(replace(scene(), rows=rows), HEAD).legends
     told = {text.get_text() for text in legend.get_texts()}
     assert {DEFAULT, EXACT} <= told and "" not in told
+
+
+def test_labels_overlap_nothing() -> None:
+    """Neither each other nor points nor lines, and they stay within their diagram."""
+    pytest.importorskip("matplotlib")
+    figure = _figure(scene(), HEAD)
+    for plot in figure.axes:
+        boxes = [text.get_window_extent() for text in plot.texts]
+        assert len(boxes) > 3 and all(plot.bbox.containsx(end) for box in boxes for end in (box.x0, box.x1))
+        assert not any(a.fully_overlaps(b) for a, b in combinations(boxes, 2))
+        for line in plot.lines:
+            points = line.get_transform().transform(line.get_xydata())
+            assert not any(box.contains(*point) for box in boxes for point in points)
 
 
 @pytest.mark.long
@@ -107,10 +94,3 @@ def test_what_to_take() -> None:
         "**Take the default** (10 % off in 200 ms), for print, too; for previews single splats, 2×2 samples a pixel: "
         "25 % off in 10 ms."
     )
-
-
-def test_options_of_methods_are_those_of_the_command() -> None:
-    parser = _parser(["render"])
-    for method in methods().values():
-        if method.options and not method.coarse:
-            parser.parse_args(["render", "tunnel", *method.options.split()])
