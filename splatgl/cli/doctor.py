@@ -19,7 +19,7 @@ from splatgl.errors import InputError
 from splatgl.geometry.camera import Camera
 from splatgl.gl.context import ContextInfo, context_info, egl_devices, open_context
 from splatgl.gl.renderer import Renderer, open_renderer
-from splatgl.gl.selfcheck import Check, run_checks
+from splatgl.gl.selfcheck import SelfCheck, run_checks
 from splatgl.opengl import OpenGL
 from splatgl.planning.bricks import required_bricks
 from splatgl.planning.scene import Layer, Scene
@@ -204,7 +204,7 @@ def _check_image(
         return f"  {name:18} FAILED {_first_line(error)}", False
     truth = reference.render(splats, camera, settings.but(technique="auto", motion="off")).pixels
     difference = float(np.abs(drawn.pixels - truth).max()) if np.isfinite(drawn.pixels).all() else np.inf
-    check = Check(name, difference, 0.0, MAX_ERROR, required=True)
+    check = SelfCheck(name, difference, 0.0, MAX_ERROR, required=True)
     return check_line(check), check.passed
 
 
@@ -213,7 +213,7 @@ def _first_line(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
-def check_line(check: Check) -> str:
+def check_line(check: SelfCheck) -> str:
     """Text of a check; a failed optional check is reported as a property of the target."""
     word = "ok" if check.passed else ("WRONG" if check.required else "coarse")
     return f"  {check.name:18} {word:6} {check.got:.6f}, exact {check.answer:.6f}"

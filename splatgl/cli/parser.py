@@ -90,7 +90,8 @@ class Parser(argparse.ArgumentParser):
         self._action_groups.sort(key=lambda group: places.get(group.title or "", -1))
         if everything or not self.is_long:
             return super().format_help()
-        form = Short(self.prog)
+        form = Formatter(self.prog)
+        form.is_short = True
         form.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
         form.add_text(self.description)
         shared = [action for group in self._action_groups if group.title in places for action in group._group_actions]
@@ -105,7 +106,11 @@ class Parser(argparse.ArgumentParser):
 
 
 class Formatter(argparse.RawDescriptionHelpFormatter):
-    """Formats `-o, --output FILE`, and keeps the lines of a description."""
+    """Formats `-o, --output FILE`, and keeps the lines of a description. is_short: each option is in a line, with a
+    short name of its value, and its summary.
+    """
+
+    is_short = False
 
     def _format_action_invocation(self, action: argparse.Action) -> str:
         if not action.option_strings or action.nargs == 0:
@@ -113,15 +118,12 @@ class Formatter(argparse.RawDescriptionHelpFormatter):
         value = self._format_args(action, self._get_default_metavar_for_optional(action))
         return f"{', '.join(action.option_strings)} {value}"
 
-
-class Short(Formatter):
-    """Formats each option in a line: a short name of its value, and its summary."""
-
     def _format_args(self, action: argparse.Action, default_metavar: str) -> str:
-        return super()._format_args(action, default_metavar).partition("[:")[0]
+        value = super()._format_args(action, default_metavar)
+        return value.partition("[:")[0] if self.is_short else value
 
     def _expand_help(self, action: argparse.Action) -> str:
-        return getattr(action, "summary", "") or super()._expand_help(action)
+        return (self.is_short and getattr(action, "summary", "")) or super()._expand_help(action)
 
 
 class HelpAll(argparse.Action):

@@ -12,7 +12,7 @@ import platform
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -33,12 +33,22 @@ Result = TypeVar("Result")
 
 @public
 @dataclass(frozen=True)
-class Drawing(OpenGL):
-    """OpenGL of workers. devices: EGL devices in turn; empty: `device`, or if it is None and there are several graphics
-    cards, one each.
+class Drawing:
+    """OpenGL of workers. backend, device, gpu: as of `OpenGL`. devices: EGL devices in turn; empty: `device`, or if it
+    is None and there are several graphics cards, one each.
     """
 
+    backend: str = "auto"
+    device: int | None = None
+    gpu: bool | None = None
     devices: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.opengl(self.device)
+
+    def opengl(self, device: int | None) -> OpenGL:
+        """The choice of OpenGL with a device. Raises InputError as `OpenGL`."""
+        return OpenGL(self.backend, device, self.gpu)
 
 
 class _Cache:
@@ -80,7 +90,7 @@ def renderer(drawing: Drawing) -> Renderer:
 
     if _Cache.renderer is None or _Cache.drawing != drawing:
         _release()
-        _Cache.renderer = open_renderer(replace(drawing, device=device_of(drawing, index())))
+        _Cache.renderer = open_renderer(drawing.opengl(device_of(drawing, index())))
         _Cache.drawing = drawing
     return _Cache.renderer
 
@@ -115,7 +125,7 @@ def index() -> int:
 def device_of(drawing: Drawing, number: int) -> int | None:
     """The EGL device of worker `number`; None: the first that works."""
     devices = drawing.devices
-    if not devices and drawing.device is None and drawing.may_be_egl:
+    if not devices and drawing.device is None and drawing.opengl(None).may_be_egl:
         cards = graphics_cards()
         devices = cards if len(cards) > 1 else ()
     return devices[number % len(devices)] if devices else drawing.device

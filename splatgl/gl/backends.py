@@ -16,13 +16,12 @@ import os
 import sys
 import threading
 import warnings
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 from splatgl.errors import expected
 from splatgl.platforms import BACKENDS, has_display
@@ -184,7 +183,7 @@ _thread = _Thread()
 def _before_fork() -> None:
     """Unbinds the current context: the child cannot, and other window systems would refuse their contexts there."""
     loader = _thread.current
-    _thread.forking = loader if loader is not None and loader.holds() else None
+    _thread.forking = loader if loader is not None and loader.system.holds() else None
     if _thread.forking is not None:
         switch_to(None)
 
@@ -206,16 +205,36 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(before=_before_fork, after_in_parent=_in_parent, after_in_child=_in_child)
 
 
-class Loader(ABC):
-    """A core context of OpenGL 3.3 or newer for moderngl's `create_context(context=loader)`.
-
-    As a context manager it makes its context current and restores the previous one on exit.
-    library: the OpenGL implementation; raises BackendError if a parent process opened it before the fork.
-    """
+class System(Protocol):
+    """A context of a window system. backend: one of BACKENDS."""
 
     backend: str
 
-    def __init__(self, library: str) -> None:
+    def address(self, name: str) -> int:
+        """Returns the address of an OpenGL function, 0 if there is none; the context must be current."""
+
+    def bind(self) -> None:
+        """Makes this context current; raises BackendError if the system refuses."""
+
+    def unbind(self) -> None:
+        """Leaves no context of this window system current."""
+
+    def destroy(self) -> None:
+        """Frees the context, which must not be current."""
+
+    def holds(self) -> bool:
+        """Whether the system reports this context as current; other libraries may have switched it."""
+
+
+class Loader:
+    """A core context of OpenGL 3.3 or newer for moderngl's `create_context(context=loader)`.
+
+    As a context manager it makes its context current and restores the previous one on exit.
+    create: creates the context; library: the OpenGL implementation. Raises BackendError if a parent process opened it
+    before the fork.
+    """
+
+    def __init__(self, library: str, create: Callable[[], System]) -> None:
         if library in _Process.inherited:
             raise BackendError(f"{library} was opened before this process was forked, and its threads were left behind")
         _Process.opened.add(library)
@@ -224,6 +243,8 @@ class Loader(ABC):
         self._before: list[Loader | None] = []
         self._released = False
         self._forks = _Process.forks
+        self.system = create()
+        self.make_current()
 
     @property
     def inherited(self) -> bool:
@@ -235,29 +256,9 @@ class Loader(ABC):
         if self.inherited:
             raise expected("context", "one opened in this process", "one from before it was forked", SPAWN)
 
-    @abstractmethod
-    def address(self, name: str) -> int:
-        """Returns the address of an OpenGL function, 0 if there is none; the context must be current."""
-
-    @abstractmethod
-    def bind(self) -> None:
-        """Makes this context current; raises BackendError if the system refuses."""
-
-    @abstractmethod
-    def unbind(self) -> None:
-        """Leaves no context of this window system current."""
-
-    @abstractmethod
-    def destroy(self) -> None:
-        """Frees the context, which must not be current."""
-
-    @abstractmethod
-    def holds(self) -> bool:
-        """Whether the system reports this context as current; other libraries may have switched it."""
-
     def load_opengl_function(self, name: str) -> int:
         """Returns the address of an OpenGL function; moderngl calls this method."""
-        return self.address(name)
+        return self.system.address(name)
 
     def make_current(self) -> Loader | None:
         """Makes this context current in this thread and returns the loader that was current before. Raises InputError
@@ -265,7 +266,7 @@ class Loader(ABC):
         """
         self.check_process()
         before = _thread.current
-        if before is not None and not before.holds():
+        if before is not None and not before.system.holds():
             # another library has switched: its context is restored on exit, or `before` if it left none current
             _thread.current = None
             before = None if current_host() else before
@@ -287,7 +288,7 @@ class Loader(ABC):
         if _thread.current is self:
             switch_to(None)
         self._released = True
-        self.destroy()
+        self.system.destroy()
 
 
 def current_loader() -> Loader | None:
@@ -310,7 +311,7 @@ def switch_to(loader: Loader | None) -> None:
     leave()
     try:
         if target is not None:
-            target.bind()
+            target.system.bind()
             _thread.current = target
     finally:
         if _thread.current is None and _thread.host is not None:
@@ -321,8 +322,8 @@ def switch_to(loader: Loader | None) -> None:
 def leave() -> None:
     """Leaves no context current in this thread; stores the context of another library for `switch_to`."""
     loader, _thread.current = _thread.current, None
-    if loader is not None and (loader.holds() or current_host() is None):
-        loader.unbind()
+    if loader is not None and (loader.system.holds() or current_host() is None):
+        loader.system.unbind()
     # another library may have made a context current meanwhile
     other = current_host()
     if other is not None:
@@ -356,21 +357,19 @@ GL_LIBRARIES = ("libGL.so.1", "libOpenGL.so.0", *EGL_LIBRARIES)
 HEADLESS = {"egl": ("egl", EGL), "wgl": ("wgl", WGL), "cgl": ("darwin", CGL)}
 
 
-class HeadlessLoader(Loader):
+class Headless:
     """Context that glcontext opens without a display: backend egl, wgl or cgl. device: of EGL, counted from 0 in the
     driver's order.
     """
 
     def __init__(self, backend: str, device: int = 0) -> None:
         self.backend, self._name = backend, backend.upper()
-        super().__init__(self._name)
         self._context, self._library = _create_headless(backend, device)
         self._handle: int | None = None
         # glcontext leaves the new context current
         host = current_host()
         if host is not None:
             host.unbind()
-        self.make_current()
 
     def address(self, name: str) -> int:
         """Returns the address of an OpenGL function from glcontext, 0 if there is none."""
@@ -481,17 +480,15 @@ BUFFER_SIDE = 1  # pixels
 BUFFER_BYTES = 4 * BUFFER_SIDE * BUFFER_SIDE
 
 
-class OsmesaLoader(Loader):
+class Osmesa:
     """OSMesa context of a core profile."""
 
     backend = "osmesa"
 
     def __init__(self) -> None:
-        super().__init__("OSMesa")
         self._library = _library()
         self._context = newest(self._create)
         self._buffer = ctypes.create_string_buffer(BUFFER_BYTES)
-        self.make_current()
 
     def _create(self, major: int, minor: int) -> int:
         attributes = (OSMESA_FORMAT, GL_RGBA, OSMESA_DEPTH_BITS, 0, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
@@ -552,15 +549,13 @@ def _library() -> ctypes.CDLL:
 HIDDEN_SIZE = (16, 16)  # pixels; a hidden window is never drawn to
 
 
-class WindowLoader(Loader):
+class WindowContext:
     """OpenGL context of a GLFW window; `destroy` closes the window too. GLFW requires the main thread."""
 
     backend = "window"
 
-    def __init__(self, size: tuple[int, int] = HIDDEN_SIZE, title: str = "splatgl", visible: bool = False) -> None:
-        super().__init__("the window system's OpenGL" if has_display() else "OSMesa")
+    def __init__(self, size: tuple[int, int], title: str, visible: bool) -> None:
         self.window = _create_window(size, title, visible)
-        self.make_current()
 
     def address(self, name: str) -> int:
         """Returns the address of an OpenGL function from GLFW, 0 if there is none."""
@@ -596,6 +591,12 @@ class WindowLoader(Loader):
 
         with _glfw_errors():
             glfw.destroy_window(self.window)
+
+
+def open_window(size: tuple[int, int] = HIDDEN_SIZE, title: str = "splatgl", visible: bool = False) -> Loader:
+    """Opens the context of a window."""
+    library = "the window system's OpenGL" if has_display() else "OSMesa"
+    return Loader(library, partial(WindowContext, size, title, visible))
 
 
 def _create_window(size: tuple[int, int], title: str, visible: bool) -> Any:

@@ -15,6 +15,7 @@ import numpy as np
 from splatgl.gl.shader import ABREAST
 from splatgl.planning.clusters import Clusters
 from splatgl.planning.culling import Order, back_to_front, block_boxes
+from splatgl.splat.motion import Exposure
 from splatgl.splat.splats import MOST_KEPT, Splats
 
 # cache limits: entries, and bytes of the records of all entries but the latest
@@ -30,6 +31,8 @@ K = TypeVar("K")
 Attribute = tuple[str, moderngl.Buffer, str, str, int, int]
 # attributes of four words of a record each; the attribute in_rest has the remaining words
 WORDS = ("in_first", "in_second")
+# bytes of a splat's drift
+DRIFT_BYTES = 12
 
 
 class Freeable(Protocol):
@@ -91,12 +94,12 @@ class SplatBuffer:
         self.textured: Textured | None = None
         self.clustered: tuple[Clusters, moderngl.Texture] | None = None
 
-    def quads(self, runs: bool, order: DrawOrder, which: Range) -> Sorted:
+    def quads(self, runs: bool, order: DrawOrder, which: Range) -> Instances:
         """Returns the splats `which` of the drawing order as instances, with runs if `runs`."""
         part = which[0] == 0, which[1] == len(self.splats)
-        instances = self.sorted.setdefault(part, Sorted(self.ctx, self.splats))
-        instances.write(order, runs, which)
-        return instances
+        ordered = self.sorted.setdefault(part, Sorted(self.ctx, self.splats))
+        ordered.write(order, runs, which)
+        return ordered.instances
 
     def texels(self, runs: bool, order: DrawOrder, which: Range | None = None) -> Texels:
         """Returns textures of the splats, with runs if `runs`, and of their drawing order; which: only this range."""
@@ -122,17 +125,22 @@ class Instances:
     def __init__(self, ctx: moderngl.Context) -> None:
         self.ctx = ctx
         self.buffer: moderngl.Buffer | None = None
+        self.drift: moderngl.Buffer | None = None
         self.record = np.dtype("V0")
         self.arrays: dict[moderngl.Program, moderngl.VertexArray] = {}
 
-    def fill(self, records: np.ndarray) -> None:
-        """Uploads records, which are in drawing order."""
+    def fill(self, records: np.ndarray, drift: np.ndarray | None = None) -> None:
+        """Uploads records, which are in drawing order, and their drift, if any, float32 [N, 3]."""
         self.record = records.dtype
-        if self.buffer is None:
-            self.buffer = self.ctx.buffer(records)
-        else:
-            self.buffer.orphan(records.nbytes)
-            self.buffer.write(records)
+        self.buffer = self._write(self.buffer, records)
+        self.drift = None if drift is None else self._write(self.drift, drift)
+
+    def _write(self, buffer: moderngl.Buffer | None, rows: np.ndarray) -> moderngl.Buffer:
+        if buffer is None:
+            return self.ctx.buffer(rows)
+        buffer.orphan(rows.nbytes)
+        buffer.write(rows)
+        return buffer
 
     def vertices(self, program: moderngl.Program, first: int) -> moderngl.VertexArray:
         """Returns a vertex array of the uploaded instances from `first` on."""
@@ -146,25 +154,28 @@ class Instances:
         return array
 
     def release(self) -> None:
-        """Frees the vertex arrays and the buffer; they are recreated on demand."""
-        free(*self.arrays.values(), self.buffer)
+        """Frees the vertex arrays and the buffers; they are recreated on demand."""
+        free(*self.arrays.values(), self.buffer, self.drift)
         self.arrays.clear()
-        self.buffer = None
+        self.buffer, self.drift = None, None
 
     def _attributes(self) -> list[Attribute]:
         assert self.buffer is not None
         size = self.record.itemsize
         fours = size // 16
         attributes: list[Attribute] = [(WORDS[n], self.buffer, "i", "4u4", 16 * n, size) for n in range(fours)]
-        return [*attributes, ("in_rest", self.buffer, "i", f"{size // 4 - 4 * fours}u4", 16 * fours, size)]
+        attributes.append(("in_rest", self.buffer, "i", f"{size // 4 - 4 * fours}u4", 16 * fours, size))
+        return attributes if self.drift is None else [*attributes, ("in_flow", self.drift, "f", "3f4", 0, DRIFT_BYTES)]
 
 
-class Sorted(Instances):
-    """Records in drawing order, rewritten for each new order."""
+class Sorted:
+    """Records in drawing order, rewritten for each new order. exposure: of splats that flow; their instances have the
+    drift during half of it, in grid steps.
+    """
 
-    def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
-        super().__init__(ctx)
-        self.splats = splats
+    def __init__(self, ctx: moderngl.Context, splats: Splats, exposure: Exposure | None = None) -> None:
+        self.splats, self.exposure, self.instances = splats, exposure, Instances(ctx)
+        self.drift = None if exposure is None else exposure.drift(splats).astype(np.float32)
         self.written: tuple[DrawOrder, bool, Range] | None = None
 
     def write(self, order: DrawOrder, runs: bool, which: Range) -> None:
@@ -173,13 +184,22 @@ class Sorted(Instances):
         # an order that does not matter reuses the written one; runs that no shader reads do no harm
         has_range = self.written is not None and self.written[2] == which and (self.written[1] or not runs)
         if not has_range or (order.boxes is not None and self.written != request):
-            self._upload(*request)
+            records = self.splats.records_with_runs if runs else self.splats.records
+            rows = slice(*which) if order.boxes is None else indices(self.splats, order)[slice(*which)]
+            drift = None if self.drift is None else np.ascontiguousarray(self.drift[rows])
+            self.instances.fill(np.ascontiguousarray(records[rows]), drift)
             self.written = request
 
-    def _upload(self, order: DrawOrder, runs: bool, which: Range) -> None:
-        records = self.splats.records_with_runs if runs else self.splats.records
-        rows = slice(*which) if order.boxes is None else indices(self.splats, order)[slice(*which)]
-        self.fill(np.ascontiguousarray(records[rows]))
+    def flows(self, splats: Splats, exposure: Exposure) -> bool:
+        """Whether these are the instances of splats, for the same flow and number of frames."""
+        current = self.exposure
+        same = current is not None and exposure.flow is current.flow and exposure.frames == current.frames
+        return same and splats is self.splats
+
+    def release(self) -> None:
+        """Frees the instances; they are uploaded again on demand."""
+        self.instances.release()
+        self.written = None
 
 
 @dataclass(frozen=True)

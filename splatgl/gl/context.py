@@ -16,13 +16,13 @@ from splatgl.errors import InputError, expected
 from splatgl.gl.backends import (
     SPAWN,
     BackendError,
-    HeadlessLoader,
+    Headless,
     Loader,
-    OsmesaLoader,
-    WindowLoader,
+    Osmesa,
     current_loader,
     device_count,
     forked,
+    open_window,
     switch_to,
 )
 from splatgl.opengl import OpenGL
@@ -86,14 +86,14 @@ def open_context(opengl: OpenGL) -> moderngl.Context:
 
 
 def adopt(loader: Loader) -> moderngl.Context:
-    """Returns the moderngl context of an opened loader, such as a visible `WindowLoader`; its `release()` frees both.
+    """Returns the moderngl context of an opened loader, such as that of a visible window; its `release()` frees both.
 
     Raises BackendError and frees the loader if OpenGL is older than 3.3.
     """
     # Only a window has a default framebuffer, `ctx.screen`
     try:
         settings: dict[str, Any] = {"context": loader}
-        context = moderngl.create_context(standalone=loader.backend != "window", **settings)
+        context = moderngl.create_context(standalone=loader.system.backend != "window", **settings)
     except (moderngl.Error, ValueError) as error:
         loader.release()
         raise BackendError(str(error)) from error
@@ -125,7 +125,7 @@ def context_info(ctx: moderngl.Context) -> ContextInfo:
         info = ctx.info
         renderer = str(info["GL_RENDERER"])
         return ContextInfo(
-            backend=loader.backend,
+            backend=loader.system.backend,
             vendor=str(info["GL_VENDOR"]),
             renderer=renderer,
             version=str(info["GL_VERSION"]),
@@ -186,15 +186,15 @@ def _open(name: str, device: int | None, require_gpu: bool) -> moderngl.Context:
 def _openers(name: str, device: int | None) -> list[Callable[[], Loader]]:
     """Returns functions that open a context of this backend, in the order to try."""
     if name == "osmesa":
-        return [OsmesaLoader]
+        return [partial(Loader, "OSMesa", Osmesa)]
     if name == "window":
-        return [WindowLoader]
+        return [open_window]
     # A driver that cannot count its devices may still open its first; others than EGL have one
     numbers = range(max(device_count(), 1)) if device is None else (device,)
-    return [partial(HeadlessLoader, name, number) for number in numbers]
+    return [partial(Loader, name.upper(), partial(Headless, name, number)) for number in numbers]
 
 
 def _glsl_version(loader: Loader) -> str:
     """Returns GL_SHADING_LANGUAGE_VERSION, which moderngl does not report; the context must be current."""
-    get_string = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_uint)(loader.address("glGetString"))
+    get_string = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_uint)(loader.load_opengl_function("glGetString"))
     return (get_string(GL_SHADING_LANGUAGE_VERSION) or b"").decode()

@@ -19,7 +19,7 @@ from splatgl.gl.layer_quads import LayerQuads
 from splatgl.gl.layers import Drawn, Layers, LayerTiles, union
 from splatgl.gl.meshes import Limits, Surfaces
 from splatgl.gl.program import cover
-from splatgl.gl.quads import Quads, SheetQuads, Streaks
+from splatgl.gl.quads import Quads, SheetQuads
 from splatgl.gl.shader import Shape
 from splatgl.gl.sheet_tiles import Batches, SheetTiles
 from splatgl.gl.spared_tiles import AdaptiveSamples, SingleSamples
@@ -72,7 +72,7 @@ class Passes:
             "sheets in tiles": self.adaptive,
             "boxes in quads": quads,
             "boxes in tiles": splats,
-            "streaks": Streaks(device),
+            "streaks": quads,
         }
         self.surfaces = Surfaces(device)
         owned.callback(self.release)

@@ -21,14 +21,12 @@ from splatgl.errors import expected
 from splatgl.geometry.grid import corners_of
 from splatgl.geometry.view import GridView
 from splatgl.gl.buffers import (
-    Attribute,
     DrawOrder,
     Instances,
     Range,
     Sorted,
     chunks,
     free,
-    indices,
     texel_texture,
     uneven,
 )
@@ -42,7 +40,6 @@ from splatgl.gl.textures import BLUR_UNIT, CLASS_UNIT, HALF_LINE_UNIT
 from splatgl.gl.tiles import bands_of
 from splatgl.planning.culling import Window, screen_bounds
 from splatgl.planning.plan import Plan
-from splatgl.splat.motion import Exposure
 from splatgl.splat.sheets import NearField, Sheets, index_direction
 from splatgl.splat.splats import MOST_KEPT, Splats
 
@@ -50,10 +47,13 @@ CORNERS = 4
 
 
 class Quads:
-    """Draws splats as instanced quads; needs only OpenGL 3.3 and supports every plan."""
+    """Draws splats as instanced quads, which cover motion streaks; needs only OpenGL 3.3 and supports every plan. Keeps
+    the latest splats that flow.
+    """
 
     def __init__(self, device: Device) -> None:
         self.ctx, self.programs, self.splats = device.ctx, device.programs, device.splats
+        self.flowing: Sorted | None = None
 
     def draw(
         self,
@@ -78,62 +78,22 @@ class Quads:
                 vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=end - begin)
 
     def release(self) -> None:
-        """Does nothing: Quads owns no GL objects."""
-
-    def _instances(self, splats: Splats, plan: Plan, order: DrawOrder, which: Range) -> Sorted:
-        """Returns the instances of splats `which` of the drawing order."""
-        return self.splats.of(splats).quads(plan.program.runs, order, which)
-
-
-class Streaks(Quads):
-    """Quads that cover motion streaks; caches the latest moving splats."""
-
-    flowing: Flowing | None = None
-
-    def release(self) -> None:
-        """Frees the buffers of the moving splats."""
+        """Frees the instances of splats that flow."""
         free(self.flowing)
         self.flowing = None
 
-    def _instances(self, splats: Splats, plan: Plan, order: DrawOrder, which: Range) -> Sorted:
+    def _instances(self, splats: Splats, plan: Plan, order: DrawOrder, which: Range) -> Instances:
+        """Returns the instances of splats `which` of the drawing order."""
         if not plan.program.flow:
-            return super()._instances(splats, plan, order, which)
+            return self.splats.of(splats).quads(plan.program.runs, order, which)
         assert plan.exposure is not None
         if len(splats) > MOST_KEPT:
             raise expected("splats", f"at most {MOST_KEPT:,} that flow", f"{len(splats):,}", "raise the threshold")
-        if self.flowing is None or not self.flowing.holds(splats, plan.exposure):
+        if self.flowing is None or not self.flowing.flows(splats, plan.exposure):
             self.release()
-            self.flowing = Flowing(self.ctx, splats, plan.exposure)
+            self.flowing = Sorted(self.ctx, splats, plan.exposure)
         self.flowing.write(order, plan.program.runs, which)
-        return self.flowing
-
-
-class Flowing(Sorted):
-    """Records in drawing order, and the drift of each splat during half of the exposure, in grid steps."""
-
-    def __init__(self, ctx: moderngl.Context, splats: Splats, exposure: Exposure) -> None:
-        super().__init__(ctx, splats)
-        self.exposure = exposure
-        self.drift = exposure.drift(splats).astype(np.float32)
-        self.drift_buffer = ctx.buffer(reserve=self.drift.nbytes)
-
-    def holds(self, splats: Splats, exposure: Exposure) -> bool:
-        """Whether the buffers hold the drift of these splats, for the same flow and number of frames."""
-        current = self.exposure
-        return splats is self.splats and exposure.flow is current.flow and exposure.frames == current.frames
-
-    def release(self) -> None:
-        """Frees the buffers of records and drift."""
-        super().release()
-        self.drift_buffer.release()
-
-    def _attributes(self) -> list[Attribute]:
-        return [*super()._attributes(), ("in_flow", self.drift_buffer, "f", "3f4", 0, self.drift.itemsize * 3)]
-
-    def _upload(self, order: DrawOrder, runs: bool, which: Range) -> None:
-        super()._upload(order, runs, which)
-        drift = self.drift if order.boxes is None else self.drift[indices(self.splats, order)]
-        self.drift_buffer.write(np.ascontiguousarray(drift))
+        return self.flowing.instances
 
 
 # texture units of a sheet and the two sheets before it, and of the joined values

@@ -30,7 +30,7 @@ from splatgl.planning.plan import Plan, plan
 from splatgl.planning.resolve import why_per_splat
 from splatgl.planning.scene import ResolvedScene, Scene, ScenePlan, join_pictures, plan_scene
 from splatgl.splat.extract_values import post_splats
-from splatgl.splat.motion import Moments, Motion, Shorter
+from splatgl.splat.motion import Moments, Motion
 from splatgl.splat.settings import FULL_SHUTTER, Settings
 from splatgl.splat.splats import Splats
 
@@ -134,7 +134,7 @@ class Renderer:
         if chosen.moments and motion is not None:
             sharp = replace(settings, moments=None, motion=settings.motion if chosen.exposure else "off")
             draw = partial(self.render, verify_bound=verify_bound, interrupted=interrupted)
-            mean = (Shorter if chosen.exposure else Moments)(draw, motion, sharp.shutter, chosen.moments)
+            mean = Moments(draw, motion, sharp.shutter, chosen.moments, blurred=chosen.exposure is not None)
             # a scene has no flow, and is passed to `draw` unchanged
             image = mean(splats, camera, sharp)  # type: ignore[arg-type]
             info = self._scene_info(scene, camera, started)

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import moderngl
 import numpy as np
 
 from splatgl.errors import InputError, expected
-from splatgl.gl.backends import BackendError, WindowLoader, hand_back
+from splatgl.gl.backends import BackendError, Loader, WindowContext, hand_back, open_window
 from splatgl.gl.buffers import free
 from splatgl.gl.context import adopt, current
 from splatgl.gl.program import build
@@ -53,7 +53,7 @@ class Screen:
             raise expected("size", f"a window of 1 to {MOST_PIXELS} pixels a side", sides, "choose another --size")
         self.owned = ExitStack()
         try:
-            self.loader = WindowLoader(size, title, visible=True)
+            self.loader = open_window(size, title, visible=True)
             _check_shown(self.loader)
             self.ctx = adopt(self.loader)
         except BackendError as error:
@@ -74,7 +74,7 @@ class Screen:
     @property
     def window(self) -> Any:
         """GLFW's handle of the window."""
-        return self.loader.window
+        return cast("WindowContext", self.loader.system).window
 
     def put(self, name: str, pixels: np.ndarray) -> None:
         """Uploads pixels [H, W, 4], float32 (linear) or uint8 (sRGB), as the `picture`, `other` or `overlay`."""
@@ -161,7 +161,7 @@ class Screen:
             program.release()
 
 
-def _check_shown(loader: WindowLoader) -> None:
+def _check_shown(loader: Loader) -> None:
     """Raises BackendError for GLFW's null platform, whose windows are invisible."""
     import glfw
 

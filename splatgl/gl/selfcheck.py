@@ -50,7 +50,7 @@ void main() { color = vec4(texture(table, vec2(across, 0.5)).r); }
 
 
 @dataclass(frozen=True)
-class Check:
+class SelfCheck:
     """Comparison of a drawing with the expected answer. `required`: float32 pictures are wrong if the check fails."""
 
     name: str
@@ -65,9 +65,9 @@ class Check:
         return abs(self.got - self.answer) <= self.tolerance
 
 
-def run_checks(ctx: moderngl.Context) -> tuple[Check, ...]:
+def run_checks(ctx: moderngl.Context) -> tuple[SelfCheck, ...]:
     """Checks blending into float32, half and 8-bit targets, and filtering of float32 tables; frees all GL objects."""
-    checks: list[Check] = []
+    checks: list[SelfCheck] = []
     with current(ctx):
         for target, dtype in (("rgba32f", "f4"), ("rgba16f", "f2"), ("rgba8", "f1")):
             checks += _blending(ctx, target, dtype)
@@ -75,7 +75,7 @@ def run_checks(ctx: moderngl.Context) -> tuple[Check, ...]:
     return tuple(checks)
 
 
-def _blending(ctx: moderngl.Context, target: str, dtype: str) -> list[Check]:
+def _blending(ctx: moderngl.Context, target: str, dtype: str) -> list[SelfCheck]:
     """Checks LAYERS layers with each of the three blend states of the renderer."""
     over = (moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
     add = (moderngl.ONE, moderngl.ONE)
@@ -89,7 +89,7 @@ def _blending(ctx: moderngl.Context, target: str, dtype: str) -> list[Check]:
         pixels = _draw_layers(ctx, dtype, equation, function, ramp)
         # The largest error over all pixels and channels
         got = float(pixels.flat[np.abs(pixels - answer).argmax()])
-        checks.append(Check(f"{name} {target}", got, answer, tolerance, required=dtype == "f4"))
+        checks.append(SelfCheck(f"{name} {target}", got, answer, tolerance, required=dtype == "f4"))
     return checks
 
 
@@ -107,7 +107,7 @@ def _draw_layers(ctx: moderngl.Context, dtype: str, equation: int, function: tup
     return pixels
 
 
-def _filtering(ctx: moderngl.Context) -> Check:
+def _filtering(ctx: moderngl.Context) -> SelfCheck:
     """Checks linear filtering of a float32 table with values outside [0, 1]: largest error in steps between texels."""
     # Alternating values make every step the same height and every error visible
     step = 6.0
@@ -127,7 +127,7 @@ def _filtering(ctx: moderngl.Context) -> Check:
     position = (np.arange(width) + 0.5) / width * TABLE_SIZE - 0.5  # in texels, texel centres at whole numbers
     answer = np.interp(position, np.arange(TABLE_SIZE), table)  # clamps at the ends, as the texture does
     error = float(np.abs(pixels - answer).max() / step)
-    return Check("linear filter r32f", error, 0.0, FILTER_ERROR, required=True)
+    return SelfCheck("linear filter r32f", error, 0.0, FILTER_ERROR, required=True)
 
 
 def _draw(

@@ -15,8 +15,8 @@ from functools import cached_property
 from itertools import product
 from pathlib import Path
 from threading import Lock
-from typing import Any
-from weakref import WeakSet
+from typing import Any, Protocol
+from weakref import WeakSet, finalize
 
 import numpy as np
 
@@ -38,11 +38,10 @@ def file_tag(path: Path | str) -> str:
     return f"{path} {status.st_size} {status.st_mtime_ns}"
 
 
-class OneFile:
-    """The file of an array's chunks, which are named by the index of any sample; base of arrays in other files."""
+class Stored(Protocol):
+    """The files of an array's chunks, which are named by the index of any sample; here of one file."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path.resolve()
+    path: Path
 
     def tag(self) -> str:
         """Text that changes with the contents: the path, size and time of the file."""
@@ -52,8 +51,17 @@ class OneFile:
         """Called before chunks are read, with an index for each; does nothing, as all chunks are in the file."""
 
     def holds(self, place: Sequence[int]) -> bool:
-        """Whether a chunk is stored: every one is. Overrides may raise InputError."""
+        """Whether a chunk is stored: every one is. Others may raise InputError."""
         return True
+
+
+class OneFile(Stored):
+    """The file of all chunks. file: of a library, with the method close, open as long as this object lives."""
+
+    def __init__(self, path: Path, file: Any = None) -> None:
+        self.path, self.file = path.resolve(), file
+        if file is not None:
+            finalize(self, file.close)
 
 
 class Chunked:
@@ -63,7 +71,7 @@ class Chunked:
     read.
     """
 
-    def __init__(self, name: str, array: Any, index: Sequence[int | slice], files: OneFile, form: str = "Zarr") -> None:
+    def __init__(self, name: str, array: Any, index: Sequence[int | slice], files: Stored, form: str = "Zarr") -> None:
         self.name, self.array, self.index, self.files, self.form = name, array, tuple(index), files, form
         axes = [axis for axis, place in enumerate(self.index) if isinstance(place, slice)]
         self.shape = tuple(int(array.shape[axis]) for axis in axes)
@@ -228,7 +236,7 @@ def folder_tag(folder: Path) -> str:
     return "\n".join(map(file_tag, sorted(files)))
 
 
-class TransposedChunks(Transposed):
+class TransposedChunks:
     """A Zarr array with its axes in another order, as `Chunked` reads it; nothing is read before it is indexed.
 
     names: one per axis of the array; wanted: names in the order wanted; an unknown name is an axis of one entry.
@@ -236,14 +244,15 @@ class TransposedChunks(Transposed):
     """
 
     def __init__(self, array: Any, names: Sequence[str], wanted: Sequence[str], packing: Packing | None = None) -> None:
-        super().__init__(array, [names.index(name) if name in names else None for name in wanted])
-        self.packing, self.chunks, self.fill_value = packing, self.sizes(array.chunks), array.fill_value
+        self.turned = Transposed(array, [names.index(name) if name in names else None for name in wanted])
+        self.shape, self.dtype, self.chunks = self.turned.shape, self.turned.dtype, self.turned.sizes(array.chunks)
+        self.packing, self.fill_value = packing, array.fill_value
         if packing is not None:
             self.dtype = np.dtype(np.float32)
             self.fill_value = packing.values(np.asarray(array.fill_value or 0)).item()
 
     def __getitem__(self, key: Key) -> np.ndarray:
-        stored = super().__getitem__(key)
+        stored = self.turned[key]
         return stored if self.packing is None else self.packing.values(stored)
 
 
@@ -302,10 +311,14 @@ def _one(numbers: np.ndarray | None, default: float) -> float:
     return default if numbers is None or numbers.size != 1 or math.isnan(numbers[0]) else float(numbers[0])
 
 
-class Magnitude(Packing):
+@dataclass(frozen=True)
+class Magnitude:
     """Packing of complex numbers, whose values are magnitudes; also of pairs named real and imag."""
 
     def values(self, stored: np.ndarray) -> np.ndarray:
         """Magnitudes, float32."""
         parts = (stored["real"], stored["imag"]) if stored.dtype.names else (stored.real, stored.imag)
         return np.hypot(*(part.astype(np.float64) for part in parts)).astype(np.float32)
+
+
+AnyPacking = Packing | Magnitude

@@ -20,7 +20,7 @@ from splatgl.data.arrays import of_array
 from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, decode_text, held_within_budget
-from splatgl.readers.chunked import Chunked, OneFile, Packing
+from splatgl.readers.chunked import AnyPacking, Chunked, Stored
 from splatgl.readers.common import (
     DEFLATE_RATIO,
     MAX_BYTES,
@@ -198,7 +198,7 @@ _PART_BYTES = 2**20
 
 
 def read_samples(
-    path: Path, dataset: Any, index: Sequence[int | slice], anywhere: bool, packed: Packing | None = None
+    path: Path, dataset: Any, index: Sequence[int | slice], anywhere: bool, packed: AnyPacking | None = None
 ) -> np.ndarray | Chunked:
     """The part `index` of a dataset, as [D, H, W]: mapped, read, or from WHOLE_BYTES on read in parts.
 
@@ -213,9 +213,9 @@ def read_samples(
     offset = dataset.id.get_offset() if is_hdf5 and not (dataset.external or dataset.chunks) else None
     if offset is not None and packed is None:
         return map_array(path, int(offset), dataset.dtype, dataset.shape)[tuple(index)]
-    part = (_DatasetPart if is_hdf5 else _Part)(path, dataset, index, packed)
+    part = _Part(path, dataset, index, packed)
     if byte_count(part.free, part.dtype) > held_within_budget(WHOLE_BYTES):
-        return Chunked(str(path), part, part.index, part, "HDF5" if is_hdf5 else "NetCDF")
+        return Chunked(str(path), part, part.index, part, part.form)
     if is_hdf5 and not anywhere:
         require_plausible(byte_count(part.free, dataset.dtype), dataset.id.get_storage_size(), bounded=False)
     return part[part.index]
@@ -278,20 +278,28 @@ def _is_available(code: int) -> bool:
     return (code in _FILTERS or code in _PLUGINS) and bool(h5py.h5z.filter_avail(code))
 
 
-class _Part(OneFile):
-    """An array with h5py's names for `Chunked`, and its file."""
+class _Part(Stored):
+    """An array with h5py's names for `Chunked`, and its file. Chunks of HDF5 are checked before HDF5 decodes them."""
 
-    fill_value: Any = 0
-
-    def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: Packing | None) -> None:
-        super().__init__(path)
-        self.dataset, self.index, self.packed = dataset, tuple(index), packed
+    def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: AnyPacking | None) -> None:
+        self.path, self.dataset, self.index, self.packed = path.resolve(), dataset, tuple(index), packed
         ends = zip(self.index, dataset.shape, strict=True)
         self.shape = tuple(size if isinstance(at, int) or at.stop is None else at.stop for at, size in ends)
         self.free = [size for size, at in zip(self.shape, self.index, strict=True) if isinstance(at, slice)]
         self.dtype = np.dtype(np.float32) if packed else np.dtype(dataset.dtype)
         self.stored = tuple(dataset.chunks or ())
         self.chunks = self._joined()
+        self.fill_value, self.empty, self.checked = 0, False, False
+        self.form = "HDF5" if hasattr(dataset, "id") else "NetCDF"
+        if self.form != "HDF5":
+            return
+        self.empty = not dataset.is_virtual and not dataset.external and not dataset.id.get_storage_size()
+        codes = [code for code, _, _ in _filters(dataset) if code != _FLETCHER32]
+        # the filter that was applied last, whose result is stored
+        self.last, self.number = (codes[-1], len(codes) - 1) if codes else (0, 0)
+        self.checked = self.last == _GZIP or self.last in _STATED
+        with decoder_errors("HDF5"):
+            self.fill_value = self._values(np.asarray(dataset.fillvalue)[None])[0]
 
     def _joined(self) -> tuple[int, ...]:
         """Samples along each axis that are read together: one chunk of the file, or several small ones."""
@@ -310,32 +318,15 @@ class _Part(OneFile):
     def _values(self, stored: np.ndarray) -> np.ndarray:
         return stored if self.packed is None else self.packed.values(stored)
 
-    def __getitem__(self, key: tuple[int | slice, ...]) -> np.ndarray:
-        return self._values(np.asarray(self.dataset[key]))
-
     def tag(self) -> str:
         """The path, size and time of the file, and the dataset in it."""
         return f"{super().tag()} {self.dataset.name} {self.packed}"
 
-
-class _DatasetPart(_Part):
-    """A dataset of HDF5 for `Chunked`; each chunk is checked before HDF5 decodes it."""
-
-    def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: Packing | None) -> None:
-        super().__init__(path, dataset, index, packed)
-        self.empty = not dataset.is_virtual and not dataset.external and not dataset.id.get_storage_size()
-        codes = [code for code, _, _ in _filters(dataset) if code != _FLETCHER32]
-        # the filter that was applied last, whose result is stored
-        self.last, self.number = (codes[-1], len(codes) - 1) if codes else (0, 0)
-        self.checked = self.last == _GZIP or self.last in _STATED
-        with decoder_errors("HDF5"):
-            self.fill_value = self._values(np.asarray(dataset.fillvalue)[None])[0]
-
     def __getitem__(self, key: tuple[int | slice, ...]) -> np.ndarray:
-        with decoder_errors("HDF5"):
+        with decoder_errors(self.form):
             for place in self._touched(key) if self.checked else ():
                 self._check_chunk(place)
-            return super().__getitem__(key)
+            return self._values(np.asarray(self.dataset[key]))
 
     def _touched(self, key: tuple[int | slice, ...]) -> Iterable[tuple[int, ...]]:
         """Index of the first sample of each chunk of the file that is to be read."""
@@ -365,7 +356,7 @@ class _DatasetPart(_Part):
 
     def holds(self, place: Sequence[int]) -> bool:
         """Whether the file may store the samples that are read together there."""
-        if self.empty or self.chunks != self.stored:
+        if self.empty or self.chunks != self.stored or self.form != "HDF5":
             return not self.empty
         begin = tuple(at - at % size for at, size in zip(place, self.stored, strict=True))
         return self.dataset.id.get_chunk_info_by_coord(begin).byte_offset is not None

@@ -21,7 +21,7 @@ from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra, list_names
 from splatgl.fileio import WHOLE_BYTES, byte_count, decode_text, held_within_budget, require_memory
 from splatgl.readers.channels import Channel, ChannelSet, mark_microscope, split_colors
-from splatgl.readers.chunked import Chunked, OneFile, file_tag
+from splatgl.readers.chunked import Chunked, Stored, file_tag
 from splatgl.readers.common import decoder_errors, parse_number
 from splatgl.readers.dicom_frames import MOST_TILES, picture_size
 from splatgl.readers.heightmap import PICTURES, open_picture
@@ -206,14 +206,13 @@ def _check_same(file: Path, shape: Shape, dtype: np.dtype | None, first_file: Pa
         raise expected(file.name, this, f"{shape[1]}×{shape[0]} {dtype}", "move it elsewhere")
 
 
-class _Planes(OneFile):
+class _Planes(Stored):
     """Slices as an array [D, H, W] that reads a slice when it is indexed, and their files."""
 
     fill_value = 0
 
     def __init__(self, files: Sequence[Path], first: np.ndarray) -> None:
-        super().__init__(files[0])
-        self.files, self.first = files, first
+        self.path, self.files, self.first = files[0].resolve(), files, first
         self.shape, self.dtype = (len(files), *first.shape), first.dtype
         self.chunks = (1, *first.shape)
 

@@ -6,7 +6,6 @@ import io
 import math
 import os
 import struct
-import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
@@ -33,15 +32,6 @@ from splatgl.readers.vtk_xml import parse_xml
 ORDER = "TCZYXS"
 # planes that a header may state beyond those that are stored, as aborted recordings do; they are read as 0
 FREE_PLANES, PLANES_PER_STORED = 4096, 64
-
-
-class OpenFile(OneFile):
-    """A file that is open in its library as long as this object lives. file: has the method close."""
-
-    def __init__(self, path: Path, file: Any) -> None:
-        super().__init__(path)
-        self.file = file
-        weakref.finalize(self, file.close)
 
 
 class BoundedFile(io.BufferedReader):
@@ -293,17 +283,17 @@ def read_nd2(path: Path, options: LoadOptions) -> Volume:
     return read_image(path, "ND2", images, options, file)
 
 
-def _open_nd2(path: Path) -> OpenFile:
+def _open_nd2(path: Path) -> OneFile:
     nd2 = import_extra("nd2", "Nikon's ND2 files", "nd2", "microscopes")
     file = BoundedFile(path.open("rb", buffering=0))
     try:
-        return OpenFile(path, nd2.ND2File(file))
+        return OneFile(path, nd2.ND2File(file))
     except BaseException:
         file.close()
         raise
 
 
-def _find_nd2_images(path: Path, file: OpenFile) -> list[Image]:
+def _find_nd2_images(path: Path, file: OneFile) -> list[Image]:
     """The positions of a file; each has axes T, Z, C or some of them, in the order of its loops."""
     source = file.file
     if source.is_legacy:

@@ -17,8 +17,9 @@ from splatgl.data.times import seconds_in
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra
 from splatgl.readers.channels import Channel
+from splatgl.readers.chunked import OneFile
 from splatgl.readers.common import decoder_errors, parse_number, require_plausible
-from splatgl.readers.microscopes import Image, OpenFile, Planes, check_planes, even_spacing, read_image
+from splatgl.readers.microscopes import Image, Planes, check_planes, even_spacing, read_image
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff import logged_errors
 from splatgl.readers.tiff_images import list_series
@@ -45,14 +46,14 @@ def read(path: Path, options: LoadOptions) -> Volume:
     return read_image(path, "OIB", [image], options, file)
 
 
-def _open(path: Path) -> OpenFile:
+def _open(path: Path) -> OneFile:
     oiffile = import_extra("oiffile", "Olympus's OIB files", "oiffile", "microscopes")
     if path.suffix.lower() != ".oif":
         _check_sectors(np.memmap(path, np.uint8, mode="r"))
         with closing(oiffile.oiffile.CompoundFile(path)) as compound:
             if "OibInfo.txt" not in compound.files():
                 raise expected("file", "OibInfo.txt in it", "another compound file", "is this an OIB file?")
-    return OpenFile(path, oiffile.OifFile(path))
+    return OneFile(path, oiffile.OifFile(path))
 
 
 def _check_sectors(data: np.ndarray) -> None:
@@ -99,7 +100,7 @@ def _check_chains(table: np.ndarray) -> None:
         raise expected("sectors", "chains that end", "one that leads back to itself", "the file is damaged")
 
 
-def _find_image(path: Path, file: OpenFile) -> Image:
+def _find_image(path: Path, file: OneFile) -> Image:
     source = file.file
     # 1. planes by their index, as their names have it
     planes, letters = dict[tuple[int, ...], str](), ""

@@ -442,7 +442,7 @@ def _read_volume(
     index = _index(array.shape, wanted, options)
     whole = remote is None and byte_count(array.shape[-3:], node.dtype) <= most
     files = check_array(path, node, whole, remote.fetch if remote else None)
-    files.index = array.source
+    files.index = array.turned.source
     samples: Any = array[index] if whole else Chunked(str(remote or path), array, index, files)
     # 3. its grid
     if multiscale is None:

@@ -23,10 +23,9 @@ from splatgl.data.volume import Lengths, Triple, Volume, triple
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, held_within_budget, require_memory
 from splatgl.readers.channels import MAGNITUDE_NOTE, magnitudes, mark_microscope, split_colors
-from splatgl.readers.chunked import Chunked, TransposedChunks
+from splatgl.readers.chunked import Chunked, OneFile, TransposedChunks
 from splatgl.readers.common import decoder_errors, find_data_file, map_array, require_bytes, require_plausible
 from splatgl.readers.heightmap import HEIGHTS, Survey, classify_picture, grey_heights, make_plane, make_terrain
-from splatgl.readers.microscopes import OpenFile
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import (
     Planes,
@@ -570,7 +569,7 @@ def read_in_parts(
     an axis that the series lacks has one entry. The file stays open as long as one part lives.
     """
     zarr = import_extra("zarr", "multiscale TIFF files", "zarr", "readers")
-    file = OpenFile(path, open_tiff(path))
+    file = OneFile(path, open_tiff(path))
     with decoder_errors("TIFF"):
         series = file.file.series[place]
         for level in levels:

@@ -22,7 +22,7 @@ import numpy as np
 from splatgl.data.affine import Coordinate, Lattice, axis_kind, curved_notes, make_lattice
 from splatgl.errors import expected, list_names
 from splatgl.fileio import byte_count
-from splatgl.readers.chunked import CF_NUMBERS, OneFile, Packing, file_tag, folder_tag
+from splatgl.readers.chunked import CF_NUMBERS, Packing, Stored, file_tag, folder_tag
 from splatgl.readers.common import DEFLATE_RATIO, MAX_BYTES, decoder_errors, inflated_size, require_plausible
 from splatgl.readers.contents import ZARR
 from splatgl.readers.remote import MOST_METADATA
@@ -140,7 +140,7 @@ def check_files(path: Path) -> None:
 _LEAST_PARTS = 2**12
 
 
-class ChunkFiles(OneFile):
+class ChunkFiles(Stored):
     """The files of an array's chunks, each checked before it is decoded. path: of the store, a `Path` or `ZipPath`.
     fetch: brings files of the store here.
 
@@ -148,7 +148,7 @@ class ChunkFiles(OneFile):
     """
 
     def __init__(self, path: Any, array: Any, fetch: Fetch | None = None) -> None:
-        super().__init__(path)
+        self.path = path.resolve()
         self.folder, self.metadata, self.fetch = self.path / array.path, array.metadata, fetch
         self.index: Callable[[Sequence[int]], Sequence[int]] = tuple
         self.shape = array.shards or array.chunks

@@ -244,8 +244,8 @@ def _triple(name: str, value: Sequence[float] | np.ndarray) -> np.ndarray:
     return numbers
 
 
-# a draw function: Renderer.render, or reference.render
-Draw = Callable[[Splats, Camera, Settings], Image]
+# a draw function of splats, camera and settings: Renderer.render, which also takes a motion, or reference.render
+Draw = Callable[..., Image]
 
 
 # maximum motion of visible splats between two moments, pixels: a footprint is three wide
@@ -255,17 +255,19 @@ MOST, PROBED = 64, 4096
 # fraction of the paths that must stay within STEP
 KEPT = 0.99
 
-# a draw function with motion: Renderer.render
-DrawMoving = Callable[[Splats, Camera, Settings, Motion], Image]
-
 
 class Moments:
-    """Temporal supersampling of any `Draw`; itself a `Draw`."""
+    """Temporal supersampling of any `Draw`; itself a `Draw`. blurred: each image has motion blur over its part of the
+    exposure, and `draw` takes a motion, too: curved paths become polygons, and occlusion follows the order at each
+    time.
+    """
 
-    def __init__(self, draw: Draw, motion: Motion, shutter: float = 180.0, count: int = 256) -> None:
+    def __init__(
+        self, draw: Draw, motion: Motion, shutter: float = 180.0, count: int = 256, blurred: bool = False
+    ) -> None:
         if count < 1:
             raise expected("count", "at least one moment", count)
-        self.draw, self.motion, self.count = draw, motion, count
+        self.draw, self.motion, self.count, self.blurred = draw, motion, count, blurred
         self.exposure = exposure_frames(shutter)
 
     def __call__(self, splats: Splats, camera: Camera, settings: Settings) -> Image:
@@ -290,30 +292,17 @@ class Moments:
         return Image(mean, info)
 
     def _part(self, splats: Splats, camera: Camera, settings: Settings, part: int) -> Image:
-        """The image at the middle of a part of the exposure."""
-        at = -self.exposure * (part + 0.5) / self.count
-        return self.draw(self._moved(splats, at), self.motion.view(camera, at), settings)
-
-    def _moved(self, splats: Splats, at: float) -> Splats:
-        """The splats at that time. Scenes, which have no flow, stay as they are."""
-        return splats if self.motion.flow is None else self.motion.move(splats, at)
-
-
-class Shorter(Moments):
-    """The mean of images, each with motion blur over its part of the exposure: curved paths become polygons, and
-    occlusion follows the order at each time.
-    """
-
-    def __init__(self, draw: DrawMoving, motion: Motion, shutter: float = 180.0, count: int = 4) -> None:
-        super().__init__(draw, motion, shutter, count)  # type: ignore[arg-type]
-        self.draw_moving = draw
-
-    def _part(self, splats: Splats, camera: Camera, settings: Settings, part: int) -> Image:
-        first, last = (-self.exposure * (part + side) / self.count for side in (1, 0))
+        """The image at the middle of a part of the exposure, or blurred over the part."""
+        flow = self.motion.flow
+        first, middle, last = (-self.exposure * (part + side) / self.count for side in (1, 0.5, 0))
+        at = last if self.blurred else middle
+        # scenes, which have no flow, stay as they are
+        moved, view = splats if flow is None else self.motion.move(splats, at), self.motion.view(camera, at)
+        if not self.blurred:
+            return self.draw(moved, view, settings)
         # treated as a separate frame with the shutter always open; its camera includes the volume's motion
-        view, flow = self.motion.view(camera, last), self.motion.flow
-        moved = Motion(camera=self.motion.view(camera, first), flow=None if flow is None else flow * (last - first))
-        return self.draw_moving(self._moved(splats, last), view, settings.but(shutter=FULL_SHUTTER), moved)
+        blur = Motion(camera=self.motion.view(camera, first), flow=None if flow is None else flow * (last - first))
+        return self.draw(moved, view, settings.but(shutter=FULL_SHUTTER), blur)
 
 
 def count_moments(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> int:

@@ -24,7 +24,7 @@ from splatgl.gl import backends, program
 from splatgl.gl import context as contexts
 from splatgl.gl.backends import BackendError, ContextLost, current_loader, switch_to
 from splatgl.gl.context import context_info, current, is_software, open_context
-from splatgl.gl.selfcheck import Check, run_checks
+from splatgl.gl.selfcheck import SelfCheck, run_checks
 from splatgl.gl.shader import ShaderError
 from splatgl.opengl import OpenGL
 from splatgl.platforms import BACKENDS
@@ -126,12 +126,12 @@ def test_another_library_may_take_the_context_away(opened: Open, backend: str) -
     """As VTK does: it makes a context of its own current, and asks nobody."""
     ctx = opened(backend)
     with current(ctx):
-        assert ctx.extra.holds()
+        assert ctx.extra.system.holds()
         # behind the loader's back
-        ctx.extra.unbind()
-        assert not ctx.extra.holds()
+        ctx.extra.system.unbind()
+        assert not ctx.extra.system.holds()
         with current(ctx):
-            assert ctx.extra.holds() and values(fill(ctx, 0.5)) == {0.5}
+            assert ctx.extra.system.holds() and values(fill(ctx, 0.5)) == {0.5}
 
 
 def test_each_thread_has_its_own_current_context(opened: Open) -> None:
@@ -286,7 +286,7 @@ def test_doctor_reports(opened: Open) -> None:
 @pytest.mark.long
 def test_doctor_says_when_blending_is_wrong(opened: Open, monkeypatch: pytest.MonkeyPatch) -> None:
     need("egl")
-    wrong = Check("over rgba32f", got=0.512, answer=0.8648, tolerance=1e-4, required=True)
+    wrong = SelfCheck("over rgba32f", got=0.512, answer=0.8648, tolerance=1e-4, required=True)
     monkeypatch.setattr(doctor, "run_checks", lambda ctx: (wrong,))
     text, ok = doctor.report(OpenGL("egl"))
     assert not ok and "WRONG" in text
@@ -586,6 +586,6 @@ def test_the_newest_version_is_asked_for_first(opened: Open, monkeypatch: pytest
 def test_a_renderer_is_closed_whose_display_another_library_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     need("egl")
     with sg.Renderer("egl") as renderer:
-        monkeypatch.setattr(renderer.ctx.extra, "_current", lambda: 0)
+        monkeypatch.setattr(renderer.ctx.extra.system, "_current", lambda: 0)
         with pytest.raises(ContextLost, match="context is gone"), current(renderer.ctx):
             pass

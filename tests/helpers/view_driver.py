@@ -254,7 +254,7 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     elif what == "fail":
         # an OpenGL error in the window's own context, as after the loss of it
         with current(viewer.screen.ctx):
-            ctypes.CFUNCTYPE(None, ctypes.c_uint)(viewer.screen.loader.address("glEnable"))(0xFFFF)
+            ctypes.CFUNCTYPE(None, ctypes.c_uint)(viewer.screen.loader.load_opengl_function("glEnable"))(0xFFFF)
         viewer.refresh()
         try:
             viewer.step(0.0)

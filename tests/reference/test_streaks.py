@@ -7,7 +7,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.image import Image
-from splatgl.splat.motion import MOST, Moments, Motion, Shorter, count_moments
+from splatgl.splat.motion import MOST, Moments, Motion, count_moments
 from tests.helpers import streaks
 from tests.helpers.splatting import SPLATS
 
@@ -55,7 +55,9 @@ def test_shorter_streaks_are_nearer(cloud: sg.Splats, camera: sg.Camera, rendere
     before = sg.Camera.look_at((9, -26, 10), (0.3, 0, 0), (0, 0, 1), 25, (14, 14))
     for motion in (Motion(spin=(0, 0, 60)), Motion(flow=flow * 3, spin=(0, 20, 0)), Motion(camera=before)):
         truth = Moments(renderer.render, motion, 180, 64)(cloud, camera, XRAY)
-        errors = [rmse(Shorter(renderer.render, motion, 180, n)(cloud, camera, XRAY), truth) for n in (1, 2, 4)]
+        errors = [
+            rmse(Moments(renderer.render, motion, 180, n, blurred=True)(cloud, camera, XRAY), truth) for n in (1, 2, 4)
+        ]
         assert errors[0] == pytest.approx(rmse(renderer.render(cloud, camera, XRAY, motion), truth), rel=0.02)
         assert 2 * errors[1] < errors[0] and 2 * errors[2] < errors[1]
 
