@@ -60,20 +60,26 @@ def compose() -> str:
         lines += write_class(bases[-1], f"{about} that are options of all pictures, too.", shared)
         rest = {option: parameter for option, parameter in table.items() if option not in shared}
         lines += write_class(f"{name}Keywords", f"{about}.", rest, bases[-1])
-    for kind in GROUPS.values():
-        table = kind.known
-        lines += write_class(f"{kind.__name__}Keywords", f"Keywords of `{kind.__name__}`.", table)
-        # a group of which pictures take all as they are
-        if all(common.get(option) == parameter for option, parameter in table.items()):
-            bases.append(f"{kind.__name__}Keywords")
-            common = {option: parameter for option, parameter in common.items() if option not in table}
+    for name, kind in ((kind.__name__, kind) for kind in GROUPS.values()):
+        about = f"Keywords of `{name}`"
+        shared = {option: parameter for option, parameter in kind.known.items() if common.get(option) == parameter}
+        # a group of which pictures take all, or most, as they are
+        if len(shared) < len(kind.known) - 1:
+            lines += write_class(f"{name}Keywords", f"{about}.", kind.known)
+            continue
+        rest = {option: parameter for option, parameter in kind.known.items() if option not in shared}
+        bases.append(f"Picture{name}Keywords" if rest else f"{name}Keywords")
+        lines += write_class(bases[-1], f"{about}{' that all pictures take, too' if rest else ''}.", shared)
+        lines += write_class(f"{name}Keywords", f"{about}.", rest, bases[-1]) if rest else []
+        common = {option: parameter for option, parameter in common.items() if option not in shared}
     lines += write_class("ArrayKeywords", "Options of `Volume.of`.", keywords_of(ArrayOptions))
     lines += write_class("PictureKeywords", "Options of all pictures.", common, ", ".join(bases))
     one = {"time": KEYWORDS["time"]}
     lines += write_class("RenderKeywords", "Options of `render`, `show` and `depth_map`.", one, "PictureKeywords")
     lines += write_class("AnimateKeywords", "Options of `animate`.", TIMES, "PictureKeywords")
     command = [sys.executable, "-m", "ruff", "format", "--stdin-filename", str(TARGET), "-"]
-    text = HEAD + "\n".join(lines) + "\n"
+    views = KEYWORDS["view"].annotation.partition(" |")[0]
+    text = f"{HEAD}ViewName: TypeAlias = {views}\n" + "\n".join(lines).replace(views, "ViewName") + "\n"
     return subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout
 
 

@@ -12,6 +12,9 @@ import numpy as np
 from splatgl.options import OptionGroup
 
 Numbers: TypeAlias = Sequence[float] | np.ndarray
+ViewName: TypeAlias = Literal[
+    "anterior", "posterior", "left", "right", "superior", "inferior", "isometric", "front", "back", "top", "bottom"
+]
 
 class PictureSettingsKeywords(TypedDict, total=False):
     """Fields of `Settings` that are options of all pictures, too."""
@@ -80,26 +83,10 @@ class LoadKeywords(PictureLoadKeywords, total=False):
     time: int | float | str | None
     levels: int
 
-class ViewKeywords(TypedDict, total=False):
-    """Keywords of `View`."""
+class PictureViewKeywords(TypedDict, total=False):
+    """Keywords of `View` that all pictures take, too."""
 
     size: int | str | Numbers
-    view: (
-        Literal[
-            "anterior",
-            "posterior",
-            "left",
-            "right",
-            "superior",
-            "inferior",
-            "isometric",
-            "front",
-            "back",
-            "top",
-            "bottom",
-        ]
-        | None
-    )
     azimuth: float | None
     elevation: float | None
     fov: float | None
@@ -112,6 +99,11 @@ class ViewKeywords(TypedDict, total=False):
     dpi: float | None
     width: str | None
     fit: Literal["all", "visible", "0.3"]
+
+class ViewKeywords(PictureViewKeywords, total=False):
+    """Keywords of `View`."""
+
+    view: ViewName | None
 
 class LookKeywords(TypedDict, total=False):
     """Keywords of `Look`."""
@@ -186,39 +178,12 @@ class ArrayKeywords(TypedDict, total=False):
     array: str | int | None
     values: str | None
 
-class PictureKeywords(PictureSettingsKeywords, PictureLoadKeywords, LookKeywords, CutsKeywords, total=False):
+class PictureKeywords(
+    PictureSettingsKeywords, PictureLoadKeywords, PictureViewKeywords, LookKeywords, CutsKeywords, total=False
+):
     """Options of all pictures."""
 
-    size: int | str | Numbers
-    view: (
-        Literal[
-            "anterior",
-            "posterior",
-            "left",
-            "right",
-            "superior",
-            "inferior",
-            "isometric",
-            "front",
-            "back",
-            "top",
-            "bottom",
-        ]
-        | OptionGroup
-        | None
-    )
-    azimuth: float | None
-    elevation: float | None
-    fov: float | None
-    zoom: float | None
-    eye: Numbers | None
-    look_at: Numbers | None
-    up: Numbers | None
-    orthographic: bool | None
-    height: float | None
-    dpi: float | None
-    width: str | None
-    fit: Literal["all", "visible", "0.3"]
+    view: ViewName | OptionGroup | None
     light: Literal["head", "matte", "glossy", "flat"] | OptionGroup | None
     surfaces: float | None
     layers: Any

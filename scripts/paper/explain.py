@@ -11,12 +11,13 @@ from functools import cached_property
 import numpy as np
 from paper.figures.footprint_errors import ALL, Form, Peak, Space, maximum
 from paper.figures.paper_setup import straight_ahead
+from paper.forms import half_line
 
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.options import declared
 from splatgl.planning.resolve import PRE_KERNEL, voxel_kernel
-from splatgl.splat.footprint import Splat, half_line, row1
+from splatgl.splat.footprint import Splat, row1
 from splatgl.splat.kernels import Kernel, kernel
 from splatgl.splat.settings import Settings
 

@@ -123,7 +123,8 @@ class Formatter(argparse.RawDescriptionHelpFormatter):
         return value.partition("[:")[0] if self.is_short else value
 
     def _expand_help(self, action: argparse.Action) -> str:
-        return (self.is_short and getattr(action, "summary", "")) or super()._expand_help(action)
+        summary: str = getattr(action, "summary", "") if self.is_short else ""
+        return summary or super()._expand_help(action)
 
 
 class HelpAll(argparse.Action):

@@ -32,8 +32,6 @@ REPORT, SUMMARY = "--splatgl-report", "--splatgl-summary"
 INI = "splatgl"
 # attribute of a test report with the compared cases
 CASES_ATTRIBUTE = "splatgl_cases"
-# the fixture's former name, which pytest-regressions uses for another fixture
-FORMER_NAME = "image_regression"
 CASES: pytest.StashKey[list[Case]] = pytest.StashKey()
 OPTIONS: pytest.StashKey[CompareOptions] = pytest.StashKey()
 # the folder in the report's for pictures that a JUnit report attaches
@@ -54,7 +52,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_configure(config: pytest.Config) -> None:
-    """Checks the options, creates the report folder, registers the collector and the fixture's former name if free."""
+    """Checks the options, creates the report folder, and registers the collector."""
     modes = [mode for mode in MODES if _option(config, mode)]
     if len(modes) > 1:
         raise pytest.UsageError(f"{' and '.join(modes)}: expected one of them")
@@ -65,10 +63,7 @@ def pytest_configure(config: pytest.Config) -> None:
         except OSError as error:
             got = f"{folder}: {error.strerror}"
             raise pytest.UsageError(f"{REPORT}: expected a folder to write to, got {got}") from error
-    manager = config.pluginmanager
-    manager.register(Collector(), "splatgl-collector")
-    if not any(hasattr(plugin, FORMER_NAME) for plugin in manager.get_plugins()):
-        manager.register(Former(), "splatgl-former")
+    config.pluginmanager.register(Collector(), "splatgl-collector")
 
 
 def _option(config: pytest.Config, name: str) -> Any:
@@ -127,15 +122,6 @@ def splatgl_image(request: pytest.FixtureRequest) -> ImageRegression:
         cases=request.node.stash.setdefault(CASES, []),
         report=output_of(request.config, REPORT) is not None,
     )
-
-
-class Former:
-    """Provides the fixture by its former name."""
-
-    @pytest.fixture
-    def image_regression(self, splatgl_image: ImageRegression) -> ImageRegression:
-        """`splatgl_image` by its former name."""
-        return splatgl_image
 
 
 @pytest.hookimpl(wrapper=True)

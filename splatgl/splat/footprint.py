@@ -1,14 +1,9 @@
-"""Footprints of splats: the five rows of Table 1, approximations, quads, and attenuation beyond z_k, in float64.
+"""Footprints of splats: the five rows of Table 1, quads, and attenuation beyond z_k, in float64.
 
 The eye is at the origin, +z is depth, the voxel spacing 1. A voxel is v = (x, y, z_v); a ray passes
 through (w, 1)·z. All values are line integrals of the kernel (arc length), low-passed where
 z_v ≥ z_k: stretched by m = z_v/z_k, weakened by 1/m² [M98 Eq. 4, 6]. Arrays broadcast: voxel [..., 3],
 slope [..., 2] → [...]. OpenGL draws rows 4 and 5 as `Quads`.
-
-Approximations: substituting t = z_v (z − z_v)/z turns row 1's integral into a straight line in perspective space, with
-the slope of the voxel's own ray, a_v = c/(z_v m). From it follow `b`, `b1`, `a` and `bprime`; before z_k
-the footprint at the true distance, `c`, is exact. Forms take and return what `footprint.ROWS` do, and
-are the twins of `shaders/approximations.glsl`: `c` of `near_quad`, `bprime` of `cubic_quad`.
 
 Attenuation: a pixel wider than a voxel averages over sub-pixel columns. Weakening opacity by 1/m² suits isolated
 matter, weakening optical depth suits matter that fills its pixel; with both, matter behind opaque matter widens it.
@@ -37,93 +32,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.geometry.view import GridView, dot, perpendicular_axes, smallest_axis, voxel_ellipse
-from splatgl.splat.kernels import Kernel, half_line_integral
+from splatgl.splat.kernels import Kernel
 from splatgl.splat.line_integral import CurvedRay, Integral
 from splatgl.splat.splats import OCTAVES
 
-
-def form_c(splat: Splat) -> np.ndarray:
-    """The footprint at the true distance of voxel and ray before z_k, exact there; `b` beyond it."""
-    return np.where(splat.beyond, form_b(splat), splat.kernel.footprint(splat.distance))
-
-
-def form_b(splat: Splat) -> np.ndarray:
-    """m⁻² (sec_p/q_v) F(√(|E|² − (E·a_v)²/q_v²)): an ellipse on the image plane, valid for z_v ≥ z_k."""
-    e, a, _ = _perspective_line(splat)
-    return _oblique(splat, e, a, splat.sec_p)
-
-
-def form_b1(splat: Splat) -> np.ndarray:
-    """`b` with the length of the voxel's ray for the pixel's: a texture times an alpha, the cost of row 5."""
-    sec_v = np.sqrt(1 + _dot(splat.voxel[..., :2], splat.voxel[..., :2]) / splat.z**2)
-    e, a, _ = _perspective_line(splat)
-    return _oblique(splat, e, a, sec_v)
-
-
-def form_bprime(splat: Splat) -> np.ndarray:
-    """`b` with the trapezoid's first-order term beyond z_k, `c` before it: within 1e−3 level of row 1."""
-    e, a, q2 = _perspective_line(splat)
-    t = -_dot(e, a) / q2
-    z = np.where(splat.beyond, splat.z, np.inf)
-    d2 = _dot(e, e) - t * t * q2 + 2 * t**3 / z
-    gain = splat.gain * splat.sec_p / np.sqrt(q2) * (1 - 3 * t / (q2 * z))
-    value = gain * splat.kernel.footprint(np.sqrt(np.maximum(d2, 0.0)))
-    return np.where(splat.beyond, value, form_c(splat))
-
-
-def form_a(splat: Splat) -> np.ndarray:
-    """The ray-perpendicular quad made elliptic: radial axis × q_v cos θ_v, gain × sec θ_v/q_v; row 4 before z_k."""
-    q2 = _perspective_line(splat)[2]
-    length = np.sqrt(_dot(splat.voxel, splat.voxel))
-    sec_v = length / splat.z
-    radial, across = _on_ray_plane(splat)
-    squeeze = np.sqrt(q2) / sec_v
-    d = np.hypot(radial / squeeze, across) / splat.m
-    value = splat.gain / squeeze * splat.kernel.footprint(d)
-    return np.where(splat.beyond, value, row4(splat))
-
-
 # first-order terms of long voxels are omitted if they change a footprint by more than this share
 FIRST_ORDER = 0.5
-
-FORMS = {"a": form_a, "b": form_b, "b1": form_b1, "c": form_c, "bprime": form_bprime}
-
-
-def half_line(kernel: Kernel, voxel: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """The unstretched kernel's integral along a ray that starts at the eye, for any eye position.
-
-    voxel [..., 3] relative to the eye, direction [..., 3] of any length: P_d(L) + P_d(clamp(v·d̂, −L, L)) with the
-    half chord L = √(R² − d²); 0 for a kernel behind the eye, F(d) for one wholly before it.
-    """
-    unit = direction / np.sqrt(_dot(direction, direction))[..., None]
-    cross = np.cross(voxel, unit)
-    return half_line_integral(kernel, np.sqrt(_dot(cross, cross)), _dot(voxel, unit))
-
-
-def _perspective_line(splat: Splat) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """E = e/m, a_v and q_v² = 1 + |a_v|²."""
-    m = splat.m[..., None]
-    a = splat.voxel[..., :2] / (splat.z[..., None] * m)
-    return splat.offset / m, a, 1 + _dot(a, a)
-
-
-def _on_ray_plane(splat: Splat) -> tuple[np.ndarray, np.ndarray]:
-    """The ray's intersection with the plane through v perpendicular to v: radial and tangential components."""
-    length = np.sqrt(_dot(splat.voxel, splat.voxel))
-    ray = np.concatenate([splat.slope, np.ones((*splat.slope.shape[:-1], 1))], axis=-1)
-    along = _dot(splat.voxel, ray)
-    c = splat.voxel[..., :2]
-    out = np.sqrt(_dot(c, c))
-    safe = np.where(out > 0, out, 1.0)
-    # unit vectors on the plane: across = (−c_y, c_x, 0)/|c|, radial = (c z, −|c|²)/(|c| |v|)
-    across = (c[..., 0] * ray[..., 1] - c[..., 1] * ray[..., 0]) / safe
-    radial = (_dot(c, ray[..., :2]) * splat.z / safe - out) / length
-    scale = length**2 / along
-    flat = out == 0
-    across = np.where(flat, ray[..., 1], across) * scale
-    radial = np.where(flat, ray[..., 0], radial) * scale
-    return radial, across
-
 
 # optical depth at which a column is opaque in 8 bits
 LARGEST_DEPTH = 5.5
@@ -164,12 +78,6 @@ def fill_depth(
 def run_lengths(runs: np.ndarray) -> np.ndarray:
     """Run lengths of matter [3, N] along the grid's axes, in voxels, from their codes [N]."""
     return np.asarray(np.exp2(np.stack([runs >> bits & 31 for bits in (0, 5, 10)]) * OCTAVES))
-
-
-def run_length_along(direction: np.ndarray, runs: np.ndarray) -> np.ndarray:
-    """Run length [N] of matter along directions [3, N] in index axes, of any length, in voxels."""
-    along = np.abs(direction) / np.maximum(np.sqrt((direction * direction).sum(axis=0)), 1e-300)
-    return np.asarray((run_lengths(runs) / np.maximum(along, GRAZING)).min(axis=0))
 
 
 # nearest depth drawn, in voxels: a perspective quad nearer than that would overflow its clip coordinates
@@ -285,14 +193,14 @@ class Splat:
     @property
     def sec_p(self) -> np.ndarray:
         """Arc length per depth along the pixel's ray."""
-        return np.sqrt(1 + _dot(self.slope, self.slope))
+        return np.sqrt(1 + dot_last(self.slope, self.slope))
 
     @property
     def distance(self) -> np.ndarray:
         """True distance of voxel and ray, from local offsets to avoid cancellation."""
         e, w = self.offset, self.slope
         cross = e[..., 0] * w[..., 1] - e[..., 1] * w[..., 0]
-        return np.sqrt(_dot(e, e) + cross * cross) / self.sec_p
+        return np.sqrt(dot_last(e, e) + cross * cross) / self.sec_p
 
     @property
     def tan_length(self) -> np.ndarray:
@@ -300,9 +208,9 @@ class Splat:
         e, w, v = self.offset, self.slope, self.voxel
         cross = np.stack([e[..., 1], -e[..., 0], v[..., 0] * w[..., 1] - v[..., 1] * w[..., 0]], axis=-1)
         along = v[..., 0] * w[..., 0] + v[..., 1] * w[..., 1] + v[..., 2]
-        length = np.sqrt(_dot(v, v))
+        length = np.sqrt(dot_last(v, v))
         ahead = along > 0
-        return np.where(ahead, np.sqrt(_dot(cross, cross)) * length / np.where(ahead, along, 1.0), np.inf)
+        return np.where(ahead, np.sqrt(dot_last(cross, cross)) * length / np.where(ahead, along, 1.0), np.inf)
 
 
 def row1(splat: Splat) -> np.ndarray:
@@ -314,7 +222,7 @@ def row2(splat: Splat) -> np.ndarray:
     """Box stretch, diverging rays [M98 Table 1 row 2]."""
     m = splat.m[..., None]
     a, e = splat.slope / m, splat.offset / m
-    return np.where(splat.beyond, _oblique(splat, e, a, splat.sec_p), splat.kernel.footprint(splat.distance))
+    return np.where(splat.beyond, oblique(splat, e, a, splat.sec_p), splat.kernel.footprint(splat.distance))
 
 
 def row3(splat: Splat) -> np.ndarray:
@@ -322,7 +230,7 @@ def row3(splat: Splat) -> np.ndarray:
 
     Printed with y_v, z_v for x_v, y_v and without the squares in its numerators, which is corrected here.
     """
-    length = np.sqrt(_dot(splat.voxel, splat.voxel))
+    length = np.sqrt(dot_last(splat.voxel, splat.voxel))
     tan = np.minimum(splat.tan_length / length, 1e150)
     q = np.sqrt(1 + (tan / splat.m) ** 2)
     value = np.sqrt(1 + tan * tan) / q * splat.gain * splat.kernel.footprint(length * tan / (splat.m * q))
@@ -340,7 +248,7 @@ def row4(splat: Splat) -> np.ndarray:
 def row5(splat: Splat) -> np.ndarray:
     """Grid-aligned: a textured quad parallel to the image plane [M98 Table 1 row 5]."""
     e = splat.offset
-    return splat.gain * splat.kernel.footprint(np.sqrt(_dot(e, e)) / splat.m)
+    return splat.gain * splat.kernel.footprint(np.sqrt(dot_last(e, e)) / splat.m)
 
 
 ROWS = {"row1": row1, "row2": row2, "row3": row3, "row4": row4, "row5": row5}
@@ -388,11 +296,11 @@ def _extra_error(kernel: Kernel, z_k: float, half_angle: float, extent: float, m
     return 255.0 * (grid - ray) / float(right.max())
 
 
-def _oblique(splat: Splat, e: np.ndarray, a: np.ndarray, seconds: np.ndarray) -> np.ndarray:
+def oblique(splat: Splat, e: np.ndarray, a: np.ndarray, seconds: np.ndarray) -> np.ndarray:
     """m⁻² (sec/q) F(√(|E|² − (E·a)²/q²)): a straight line of slope a through the stretched kernel."""
-    q2 = 1 + _dot(a, a)
-    t = _dot(e, a)
-    d = np.sqrt(np.maximum(_dot(e, e) - t * t / q2, 0.0))
+    q2 = 1 + dot_last(a, a)
+    t = dot_last(e, a)
+    d = np.sqrt(np.maximum(dot_last(e, e) - t * t / q2, 0.0))
     return seconds / np.sqrt(q2) * splat.gain * splat.kernel.footprint(d)
 
 
@@ -410,5 +318,6 @@ def _trapezoid(splat: Splat) -> np.ndarray:
     return np.asarray(splat.sec_p * splat.gain * total)
 
 
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def dot_last(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Dot products [...] of vectors [..., 2 or 3]."""
     return np.asarray((a * b).sum(axis=-1))

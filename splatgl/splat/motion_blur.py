@@ -34,9 +34,6 @@ import numpy as np
 from splatgl.splat.kernels import Kernel, half_chord, kernel, unit_rule
 from splatgl.splat.settings import Motions
 
-# a path shorter than this, l√k = 1e−4 at k = 2, is a point: its mean is the middle's value to 5e−10,
-# while the difference of two areas loses digits
-POINT = 1e-4 / np.sqrt(2.0)
 # points between two knots, where F is smooth in the angle: 1e−12 of the area
 QUADRATURE_ORDER = 32
 # the values of Settings.motion that are streaks
@@ -69,48 +66,6 @@ def line_area(kernel: Kernel, v: np.ndarray) -> np.ndarray:
     return 2 * partial_area(kernel, half_chord(kernel.radius, v), v)
 
 
-def box_blur(kernel: Kernel, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """B(u, v, l): the mean of the footprint along the path, exact; F itself for a path that is a point."""
-    u, v, length = (np.asarray(x, dtype=np.float64) for x in (u, v, length))
-    moves = length > POINT
-    safe = np.where(moves, length, 1.0)
-    ends = partial_area(kernel, u + safe / 2, v), partial_area(kernel, u - safe / 2, v)
-    return np.where(moves, (ends[0] - ends[1]) / safe, kernel.footprint(np.hypot(u, v)))
-
-
-def stretched_footprint(kernel: Kernel, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """The footprint cut in half, the halves l apart, with the cut's values between them; not weakened.
-
-    [M98 Fig. 11]
-    """
-    beyond = np.maximum(np.abs(u) - np.asarray(length) / 2, 0.0)
-    return np.asarray(kernel.footprint(np.hypot(beyond, v)))
-
-
-def paper_gain(kernel: Kernel, length: np.ndarray) -> np.ndarray:
-    """The paper's weakening: the disc's area over the stretched disc's.  [M98 Eq. 11]
-
-    It conserves the energy of a uniform disc; a footprint's energy grows up to 2.08 times.
-    """
-    disc = np.pi * kernel.radius
-    return np.asarray(disc / (disc + 2 * np.asarray(length)))
-
-
-def energy_gain(kernel: Kernel, length: np.ndarray) -> np.ndarray:
-    """E₁/(E₁ + l W): the weakening that conserves the energy of `stretched_footprint`; E₁ = 1, as kernels have unit
-    volume.
-    """
-    return np.asarray(1 / (1 + np.asarray(length) * line_area(kernel, np.zeros(()))))
-
-
-def streak(kernel: Kernel, motion: str, place: tuple[np.ndarray, np.ndarray], length: np.ndarray) -> np.ndarray:
-    """The contribution of a moving splat of unit extinction at `place` = (u, v); motion: exact, energy or paper."""
-    if motion == "exact":
-        return box_blur(kernel, *place, length)
-    gain = energy_gain if motion == "energy" else paper_gain
-    return gain(kernel, length) * stretched_footprint(kernel, *place, length)
-
-
 _RULE = unit_rule(QUADRATURE_ORDER)
 
 
@@ -126,7 +81,7 @@ class BlurTable:
     """texels [ROWS, COLUMNS + 1, 2]: over v²/R² and |u|/chord in [0, 1], half of the share between the chord's
     middle and u, and its slope per column; in the last column the line's area over F(0), and its slope per row.
 
-    kernel: for the footprint itself. The methods repeat the shader's steps in the texels' type.
+    kernel: for the footprint itself.
     """
 
     kernel: Kernel
@@ -137,86 +92,30 @@ class BlurTable:
         """[ROWS − 1, COLUMNS + 1, 4]: each row interleaved with the next, so that one fetch reads both."""
         return np.concatenate([self.texels[:-1], self.texels[1:]], axis=-1)
 
-    def blur(self, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
-        """B(u, v, l)/F(0), arrays that broadcast."""
-        real = self.texels.dtype.type
-        u, v, length = np.broadcast_arrays(*(np.asarray(x, dtype=real) for x in (u, v, length)))
-        q = v * v
-        chord = np.sqrt(np.maximum(real(self.kernel.radius**2) - q, real(1e-12)))
-        area, row, part = self._line(q)
-        moves = length > SHORT
-        safe = np.where(moves, length, real(1))
-        ends = [self._share((u + side * safe / 2) / chord, row, part) for side in (real(1), real(-1))]
-        long = area * (ends[0] - ends[1]) / safe
-        return np.where(moves, np.where(q < self.kernel.radius**2, long, 0), self._simpson(u, v, length))
-
-    def _line(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The line's area over F(0), the row before it and the fraction of the step to the next."""
-        last = len(self.texels) - 1
-        place = np.clip(q * self.texels.dtype.type(last / self.kernel.radius**2), 0, last)
-        row = np.minimum(place.astype(np.intp), last - 1)
-        part = place - row.astype(self.texels.dtype)
-        return hermite(self.texels[row, -1], self.texels[row + 1, -1], part), row, part
-
-    def _share(self, t: np.ndarray, row: np.ndarray, part: np.ndarray) -> np.ndarray:
-        """Share of the line from its middle to t half chords, odd in t, ±½ at most."""
-        last = self.texels.shape[1] - 2
-        place = np.minimum(np.abs(t), 1) * self.texels.dtype.type(last)
-        column = np.minimum(place.astype(np.intp), last - 1)
-        along = place - column.astype(self.texels.dtype)
-        here, right = (hermite(self.texels[r, column], self.texels[r, column + 1], along) for r in (row, row + 1))
-        return np.copysign(here + (right - here) * part, t)
-
-    def _simpson(self, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
-        """F + (F₊ − 2F + F₋)/6: bit-identical to F for a path of length 0."""
-        peak = float(self.kernel.footprint(np.zeros(())))
-        first, middle, last = (
-            (self.kernel.footprint(np.hypot(u + side * length / 2, v)) / peak).astype(self.texels.dtype)
-            for side in (-1, 0, 1)
-        )
-        return np.asarray(middle + (first - 2 * middle + last) / 6)
-
 
 @lru_cache(maxsize=8)
-def blur_table(name: str, columns: int = COLUMNS, rows: int = ROWS, dtype: str = "<f4") -> BlurTable:
+def blur_table(name: str, dtype: str = "<f4") -> BlurTable:
     """Table of a kernel, cached. Raises InputError for an unknown kernel."""
     shape = kernel(name)
     # the last line has length 0: use the limit, from a line close by
-    q = np.minimum(np.linspace(0.0, 1.0, rows), 1 - 1e-9)[:, None] * shape.radius**2
+    q = np.minimum(np.linspace(0.0, 1.0, ROWS), 1 - 1e-9)[:, None] * shape.radius**2
     chord = half_chord(shape.radius, np.sqrt(q))
-    t = np.linspace(0.0, 1.0, columns)
+    t = np.linspace(0.0, 1.0, COLUMNS)
     area = line_area(shape, np.sqrt(q))
-    texels = np.empty((rows, columns + 1, 2))
+    texels = np.empty((ROWS, COLUMNS + 1, 2))
     texels[:, :-1, 0] = partial_area(shape, chord * t, np.sqrt(q)) / area
-    texels[:, :-1, 1] = shape.footprint(np.hypot(chord * t, np.sqrt(q))) * chord / area / (columns - 1)
+    texels[:, :-1, 1] = shape.footprint(np.hypot(chord * t, np.sqrt(q))) * chord / area / (COLUMNS - 1)
     # the area of the line beyond v is π ∫ g(√s) ds from v² to R², so that its slope is −π g
     peak = float(shape.footprint(np.zeros(())))
     texels[:, -1, 0] = area[:, 0] / peak
-    texels[:, -1, 1] = -np.pi * shape.value(np.sqrt(q[:, 0])) * shape.radius**2 / (rows - 1) / peak
+    texels[:, -1, 1] = -np.pi * shape.value(np.sqrt(q[:, 0])) * shape.radius**2 / (ROWS - 1) / peak
     texels[-1, -1, 0] = 0.0
     return BlurTable(shape, texels.astype(dtype))
-
-
-def hermite(first: np.ndarray, last: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Cubic Hermite interpolation of two values [..., 0] with slopes [..., 1] per step, at `part` of the step."""
-    rise = last[..., 0] - first[..., 0]
-    bend = 3 * rise - 2 * first[..., 1] - last[..., 1]
-    twist = first[..., 1] + last[..., 1] - 2 * rise
-    return np.asarray(first[..., 0] + part * (first[..., 1] + part * (bend + part * twist)))
 
 
 DENSE, DENSEST = 0.146, 0.035
 # smallest part of the exposure: below it a streak is invisible
 LEAST = 1e-6
-
-
-def isolation(length: np.ndarray, through: np.ndarray) -> np.ndarray:
-    """The exponent e [N]: 1 for a lone splat, 0 for one whose matter continues along its path.
-
-    length: of the path, in units of the footprint; through: of the run of matter along it, in voxels.
-    """
-    follows = np.maximum(through - 1, 0.0) / (length + 1)
-    return np.asarray(1 / (1 + follows * follows))
 
 
 def moving_depth(mean: np.ndarray, most: np.ndarray, isolated: np.ndarray) -> np.ndarray:

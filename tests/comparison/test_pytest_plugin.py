@@ -189,34 +189,6 @@ def test_the_hint_works_where_pytest_was_called(pytester: pytest.Pytester) -> No
     assert (folder / "baselines" / "test_one" / "test_it.png").is_file()
 
 
-THEIRS = """
-import pytest
-
-@pytest.fixture
-def image_regression():
-    return "theirs"
-"""
-
-
-def test_the_former_name_is_anothers_where_there_is_another(pytester: pytest.Pytester) -> None:
-    """pytest-regressions has a fixture image_regression, which is right for its own tests."""
-    theirs = "\ndef test_theirs(image_regression):\n    assert image_regression == 'theirs'\n"
-    pytester.makepyfile(test_one=ONE + theirs, their_plugin=THEIRS)
-    pytester.syspathinsert()
-    alone = ("-p", "no:regressions", "-p", "their_plugin")
-    pytester.runpytest(*alone, "--splatgl-update").assert_outcomes(passed=2)
-    # by a test's own conftest
-    pytester.makeconftest(THEIRS)
-    pytester.runpytest().assert_outcomes(passed=2)
-
-
-def test_the_former_name_serves_where_nobody_has_it(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(test_former=ONE.replace("splatgl_image", "image_regression"))
-    for options, outcome in (([], "failed"), (["--splatgl-update"], "passed"), ([], "passed")):
-        pytester.runpytest(*options, "-p", "no:regressions").assert_outcomes(**{outcome: 1})
-    assert baselines(pytester) == ["baselines/test_former/test_it.png"]
-
-
 def test_beside_pytest_regressions(pytester: pytest.Pytester) -> None:
     """Each plugin's fixture takes its own tests' pictures: theirs bytes and images of Pillow, by `check`."""
     pytest.importorskip("pytest_regressions", reason="pytest-regressions is not installed")

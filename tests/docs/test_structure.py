@@ -57,6 +57,7 @@ INHERITED = {
     "OptionGroup": "groups of keywords in public signatures, which share the check of their keywords",
     "PictureSettingsKeywords": "a type of dictionaries, which has no other way to contain one",
     "PictureLoadKeywords": "a type of dictionaries",
+    "PictureViewKeywords": "a type of dictionaries",
     "LookKeywords": "a type of dictionaries",
     "CutsKeywords": "a type of dictionaries",
     "PictureKeywords": "a type of dictionaries",

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paper.forms import FORMS, half_line
 
 import splatgl as sg
 from splatgl.data.scenes import SCENES
-from splatgl.splat.footprint import FORMS, Splat, half_line, row1
+from splatgl.splat.footprint import Splat, row1
 from splatgl.splat.kernels import Kernel, kernel
 from tests.helpers.noise import scale
 from tests.helpers.splatting import SPLATS, each_two

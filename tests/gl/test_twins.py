@@ -20,11 +20,12 @@ from splatgl.data.color import srgb_from_linear
 from splatgl.planning.resolve import END_CORRECTION
 from splatgl.reference.blend import blend_opacity, pixel_means
 from splatgl.reference.rays import Row
-from splatgl.splat.footprint import fill_depth, run_length_along, run_lengths
+from splatgl.splat.footprint import fill_depth, run_lengths
 from splatgl.splat.lighting import apply_light
 from splatgl.splat.splats import OCTAVES, POINT, POINT_VALUE, VALUE, VOXEL, is_points, linear_color
 from tests.helpers.noise import GRIDS, noise, views
 from tests.helpers.splatting import SPLATS
+from tests.helpers.streaks import run_length_along
 from tests.helpers.twins import COUNT, Twin, functions
 
 CALL = re.compile(r"\b(\w+)\(")
@@ -176,7 +177,11 @@ def test_every_function_has_a_twin() -> None:
     """A Python function or method of its name, or of OTHER_NAMES, also of tests, and a test that runs it."""
     root = Path(__file__).parents[2]
     tests = [ast.parse(path.read_text(encoding="utf-8")) for path in sorted(root.glob("tests/*/*twins*.py"))]
-    paths = [*(root / "splatgl").rglob("*.py"), *(root / "tests" / "helpers").glob("*.py")]
+    paths = [
+        *(root / "splatgl").rglob("*.py"),
+        *(root / "tests" / "helpers").glob("*.py"),
+        root / "scripts" / "paper" / "forms.py",
+    ]
     files = [ast.parse(path.read_text(encoding="utf-8")) for path in paths]
     nodes = [node for tree in tests + files for node in ast.walk(tree)]
     named = {node.name.lstrip("_") for node in nodes if isinstance(node, ast.FunctionDef)}

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from paper import forms as approximations
 
 import splatgl as sg
 from splatgl.geometry.view import GridView
-from splatgl.splat import footprint as approximations
-from splatgl.splat.footprint import Splat, form_bprime
+from splatgl.splat.footprint import Splat
 from splatgl.splat.kernels import Kernel, kernel, polynomials
 from splatgl.splat.line_integral import row1
 from tests.helpers.noise import GRIDS, inside, noise, views
@@ -65,7 +65,7 @@ def near_quad(view: GridView, voxel: np.ndarray, place: np.ndarray) -> np.ndarra
 
 def cubic_quad(view: GridView, voxel: np.ndarray, place: np.ndarray) -> np.ndarray:
     """The ellipse of perspective space with the trapezoid's term."""
-    return form_bprime(Splat(view.kernel, voxel.T, place.T, 1 / view.pitch))
+    return approximations.form_bprime(Splat(view.kernel, voxel.T, place.T, 1 / view.pitch))
 
 
 def far_quad(view: GridView, voxel: np.ndarray, place: np.ndarray) -> np.ndarray:

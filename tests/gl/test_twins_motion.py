@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from paper.forms import stretched_footprint
 
 import splatgl as sg
 from splatgl.geometry.view import GridView, tangents
@@ -11,10 +12,20 @@ from splatgl.gl.features import frame_block
 from splatgl.planning.plan import Plan
 from splatgl.splat.footprint import table_quad
 from splatgl.splat.motion import FAR, NEAREST, Streaks, eye_point, streak_of, streaks
-from splatgl.splat.motion_blur import COLUMNS, ROWS, blur_table, hermite, isolation, moving_opacity, stretched_footprint
+from splatgl.splat.motion_blur import COLUMNS, ROWS, blur_table, moving_opacity
 from tests.helpers.noise import noise, views
 from tests.helpers.splatting import SPLATS
-from tests.helpers.streaks import inner_of, length_of, pass_kernels, passing_on_quad, step_on
+from tests.helpers.streaks import (
+    blur,
+    hermite,
+    inner_of,
+    isolation,
+    length_of,
+    pass_kernels,
+    passing_on_quad,
+    share,
+    step_on,
+)
 from tests.helpers.twins import COUNT, Twin, some_voxels
 
 MOVE = sg.Motion(spin=(0, 3, 20), velocity=(0.4, 0, 0))
@@ -175,12 +186,12 @@ def test_tables_of_streaks(twin: Twin, rng: np.random.Generator) -> None:
     inputs = np.stack([t, row, part], axis=1)
     expression = f"result.x = share(a.x, int(a.y + 0.5), a.z, {COLUMNS - 1})"
     found = twin("footprint_eval.glsl streak.glsl", expression, plan, splats, a=inputs)[:, 0]
-    assert np.abs(found - table._share(t, row, part)).max() < 1e-6
+    assert np.abs(found - share(table, t, row, part)).max() < 1e-6
     along, across, length = rng.uniform(-3, 3, COUNT), rng.uniform(0, 1.2, COUNT), 10.0 ** rng.uniform(-3, 1, COUNT)
     inputs = np.stack([along, across**2, length, np.ones(COUNT)], axis=1)
     expression = "Passing p = Passing(a.x, a.y, a.z, a.w); result.xy = vec2(blurred(p), stretched(p))"
     found = twin("footprint_eval.glsl streak.glsl", expression, plan, splats, a=inputs)
-    right = table.blur(along, across, length)
+    right = blur(table, along, across, length)
     assert np.abs(found[:, 0] - right).max() < 1e-5
     right = stretched_footprint(kernel, along, across, length) / kernel.footprint(np.zeros(()))
     assert np.abs(found[:, 1] - right).max() < 1e-5

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from paper.forms import energy_gain, paper_gain, stretched_footprint
 
 from splatgl.data.image import Image
 from splatgl.errors import expected
@@ -18,11 +19,11 @@ from splatgl.geometry.view import GridView
 from splatgl.planning.resolve import AVERAGED, Resolved
 from splatgl.reference.rays import Boxes, Row, pixel_ends
 from splatgl.reference.renderer import SplatScene, draw_bands
-from splatgl.splat.footprint import Quads, on_quads, run_length_along, table_quad
+from splatgl.splat.footprint import GRAZING, Quads, on_quads, run_lengths, table_quad
 from splatgl.splat.kernels import tabulate
 from splatgl.splat.line_integral import Integral, row1
 from splatgl.splat.motion import Motion, Streaks, streaks
-from splatgl.splat.motion_blur import MOTIONS, blur_table, energy_gain, isolation, paper_gain, stretched_footprint
+from splatgl.splat.motion_blur import MOTIONS, SHORT, BlurTable, blur_table
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 
@@ -72,7 +73,7 @@ class Passing:
         if motion == "exact":
             table = blur_table(kernel.name, dtype="<f8")
             peak = kernel.footprint(np.zeros(()))
-            return np.asarray(self.gain * peak * table.blur(self.along, self.across, self.length))
+            return np.asarray(self.gain * peak * blur(table, self.along, self.across, self.length))
         weaken = energy_gain if motion == "energy" else paper_gain
         return np.asarray(weaken(kernel, self.length) * self.most(view))
 
@@ -231,3 +232,69 @@ def _boxes(view: GridView, paths: Streaks) -> Boxes:
     left, top = (np.where(some, 0, np.minimum(ends[0][n], ends[1][n])) for n in (0, 2))
     right, bottom = (np.where(some, full, np.maximum(ends[0][n], ends[1][n])) for n, full in ((1, width), (3, height)))
     return Boxes(left, np.where(all_ | (right <= left) | (bottom <= top), left, right), top, bottom)
+
+
+def blur(table: BlurTable, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """B(u, v, l)/F(0), arrays that broadcast."""
+    real = table.texels.dtype.type
+    u, v, length = np.broadcast_arrays(*(np.asarray(x, dtype=real) for x in (u, v, length)))
+    q = v * v
+    chord = np.sqrt(np.maximum(real(table.kernel.radius**2) - q, real(1e-12)))
+    area, row, part = line(table, q)
+    moves = length > SHORT
+    safe = np.where(moves, length, real(1))
+    ends = [share(table, (u + side * safe / 2) / chord, row, part) for side in (real(1), real(-1))]
+    long = area * (ends[0] - ends[1]) / safe
+    return np.where(moves, np.where(q < table.kernel.radius**2, long, 0), simpson(table, u, v, length))
+
+
+def line(table: BlurTable, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The line's area over F(0), the row before it and the fraction of the step to the next."""
+    last = len(table.texels) - 1
+    place = np.clip(q * table.texels.dtype.type(last / table.kernel.radius**2), 0, last)
+    row = np.minimum(place.astype(np.intp), last - 1)
+    part = place - row.astype(table.texels.dtype)
+    return hermite(table.texels[row, -1], table.texels[row + 1, -1], part), row, part
+
+
+def share(table: BlurTable, t: np.ndarray, row: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Share of the line from its middle to t half chords, odd in t, ±½ at most."""
+    last = table.texels.shape[1] - 2
+    place = np.minimum(np.abs(t), 1) * table.texels.dtype.type(last)
+    column = np.minimum(place.astype(np.intp), last - 1)
+    along = place - column.astype(table.texels.dtype)
+    here, right = (hermite(table.texels[r, column], table.texels[r, column + 1], along) for r in (row, row + 1))
+    return np.copysign(here + (right - here) * part, t)
+
+
+def simpson(table: BlurTable, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """F + (F₊ − 2F + F₋)/6: bit-identical to F for a path of length 0."""
+    peak = float(table.kernel.footprint(np.zeros(())))
+    first, middle, last = (
+        (table.kernel.footprint(np.hypot(u + side * length / 2, v)) / peak).astype(table.texels.dtype)
+        for side in (-1, 0, 1)
+    )
+    return np.asarray(middle + (first - 2 * middle + last) / 6)
+
+
+def hermite(first: np.ndarray, last: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Cubic Hermite interpolation of two values [..., 0] with slopes [..., 1] per step, at `part` of the step."""
+    rise = last[..., 0] - first[..., 0]
+    bend = 3 * rise - 2 * first[..., 1] - last[..., 1]
+    twist = first[..., 1] + last[..., 1] - 2 * rise
+    return np.asarray(first[..., 0] + part * (first[..., 1] + part * (bend + part * twist)))
+
+
+def isolation(length: np.ndarray, through: np.ndarray) -> np.ndarray:
+    """The exponent e [N]: 1 for a lone splat, 0 for one whose matter continues along its path.
+
+    length: of the path, in units of the footprint; through: of the run of matter along it, in voxels.
+    """
+    follows = np.maximum(through - 1, 0.0) / (length + 1)
+    return np.asarray(1 / (1 + follows * follows))
+
+
+def run_length_along(direction: np.ndarray, runs: np.ndarray) -> np.ndarray:
+    """Run length [N] of matter along directions [3, N] in index axes, of any length, in voxels."""
+    along = np.abs(direction) / np.maximum(np.sqrt((direction * direction).sum(axis=0)), 1e-300)
+    return np.asarray((run_lengths(runs) / np.maximum(along, GRAZING)).min(axis=0))

@@ -6,23 +6,18 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from paper.forms import POINT, box_blur, energy_gain, paper_gain, streak, stretched_footprint
 
 from splatgl.splat.kernels import Kernel, kernel
 from splatgl.splat.motion_blur import (
     MOTIONS,
-    POINT,
     SHORT,
     blur_table,
-    box_blur,
-    energy_gain,
-    isolation,
     line_area,
     moving_depth,
-    paper_gain,
     partial_area,
-    streak,
-    stretched_footprint,
 )
+from tests.helpers.streaks import blur, isolation
 
 # (u, v, l) → B of the kernel of unit volume
 PLACES = np.array([(0, 0, 0), (0.3, 0.2, 0.5), (1, 0, 2), (1, 0.5, 10), (50, 0.1, 100)], float).T
@@ -42,7 +37,7 @@ def test_check_values(name: str) -> None:
 
 @each_kernel
 def test_check_values_by_the_float32_table(name: str) -> None:
-    found = blur_table(name).blur(*PLACES) * kernel(name).footprint(np.zeros(()))
+    found = blur(blur_table(name), *PLACES) * kernel(name).footprint(np.zeros(()))
     assert found.dtype.itemsize <= 8 and blur_table(name).texels.dtype == np.float32
     assert np.abs(found - VALUES[name]).max() < 1e-6
 
@@ -101,7 +96,7 @@ def test_a_path_that_is_a_point_is_the_footprint_itself(name: str, rng: np.rando
         assert (streak(shape, motion, (u, v), np.zeros(())) == still).all()
     table = blur_table(name)
     expected = (shape.footprint(np.hypot(u.astype("f4"), v.astype("f4"))) / shape.footprint(np.zeros(()))).astype("f4")
-    assert (table.blur(u, v, 0.0) == expected).all()
+    assert (blur(table, u, v, 0.0) == expected).all()
     # and continuous there
     around = [box_blur(shape, u, v, np.array(POINT * s)) for s in (0.999, 1.001)]
     assert np.abs(around[0] - around[1]).max() < (1e-9 if name == "crawfis-max" else 1e-6)
@@ -116,7 +111,7 @@ def test_table_is_near_the_exact_blur(name: str, rng: np.random.Generator) -> No
     for length in (0.5 * SHORT, 1.1 * SHORT, 0.2, 1.0, 12.0):
         u = rng.uniform(-1, 1, 1500) * (shape.radius + length / 2) * 1.02
         v = rng.uniform(-1.02, 1.02, 1500) * shape.radius
-        error = np.abs(table.blur(u, v, length) - box_blur(shape, u, v, np.array(length)) / peak)
+        error = np.abs(blur(table, u, v, length) - box_blur(shape, u, v, np.array(length)) / peak)
         assert error.max() < (3e-5 if name == "gaussian" and length < SHORT else 8e-6)
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from paper.forms import half_line
 
 from splatgl.geometry.camera import Camera
-from splatgl.splat.footprint import NEAR, half_line
+from splatgl.splat.footprint import NEAR
 from splatgl.splat.kernels import Gaussian, kernel
 from tests.stress.case import (
     SHAPE_BOUND,

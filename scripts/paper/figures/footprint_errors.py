@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from paper.figures.drawing import LINES, draw_isolines
 from paper.figures.paper_setup import PAPER, Stretched
+from paper.forms import FORMS
 
 from splatgl.report.diagram import BLACK, COLUMN, GRAY, RED, sheet
 from splatgl.report.page import Table
-from splatgl.splat.footprint import FORMS, ROWS, Splat, row1
+from splatgl.splat.footprint import ROWS, Splat, row1
 from splatgl.splat.kernels import Kernel
 
 if TYPE_CHECKING:
