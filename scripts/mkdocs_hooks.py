@@ -10,11 +10,13 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from paper.tables import Table
+
 from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.cli.main import COMMANDS, _parser
 from splatgl.options import declared
 from splatgl.planning.technique import TECHNIQUES, table_of_refusals
-from splatgl.report.page import Table, registry
+from splatgl.report.page import REGISTRY, registry
 from splatgl.splat.settings import Settings
 from splatgl.viewer import commands
 
@@ -87,11 +89,17 @@ def settings() -> str:
     return "\n\n".join(tables)
 
 
+def methods() -> str:
+    """Table of the methods of reports."""
+    title = f"all {sum(name.count('·') + 1 for _, _, name in registry())} methods, by what is varied"
+    return Table(REGISTRY, tuple(registry()), title).markdown()
+
+
 TABLES = {
     "settings": settings,
     "annotations": annotations,
     "keys": keys,
-    "methods": lambda: registry().markdown(),
+    "methods": methods,
     "techniques": lambda: Table(("setting", *TECHNIQUES), tuple(table_of_refusals())).markdown(),
 }
 """Tables by the name that a page gives in `<!-- table: NAME -->`."""

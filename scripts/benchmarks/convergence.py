@@ -16,7 +16,6 @@ from splatgl.data.scenes import ball
 from splatgl.geometry.camera import Camera
 from splatgl.gl.renderer import Renderer
 from splatgl.reference.field import field_integral, ray_integral
-from splatgl.report.page import Table
 from splatgl.splat.extract import extract
 from splatgl.splat.settings import Footprint, Settings
 from splatgl.splat.splats import Splats
@@ -50,12 +49,10 @@ class Study:
     floor: str
     pairs: Callable[[Renderer, bool], Iterator[Pair]]
 
-    def table(self, renderer: Renderer, full: bool = False) -> Table:
+    def rows(self, renderer: Renderer, full: bool = False) -> list[tuple[float, float, float | None]]:
         """Value, error and order by refinement. full: with all values, however long they take."""
         pairs = list(self.pairs(renderer, full))
-        rows = tuple((value, error, order) for (value, error), order in zip(pairs, orders(pairs), strict=True))
-        title = f"{self.name}: expected order {self.expected:g}; floor: {self.floor}"
-        return Table((self.unit, "relative RMSE", "order"), rows, title)
+        return [(value, error, order) for (value, error), order in zip(pairs, orders(pairs), strict=True)]
 
 
 def orders(pairs: list[Pair]) -> list[float | None]:
@@ -194,8 +191,11 @@ def main() -> int:
     full = parser.parse_args().full
     with Renderer() as renderer:
         for study in STUDIES:
-            table = study.table(renderer, full)
-            print(f"{table.title}\n{table.text()}\n")
+            print(f"{study.name}: expected order {study.expected:g}; floor: {study.floor}")
+            print(f"{study.unit:>16}  relative RMSE   order")
+            for value, error, order in study.rows(renderer, full):
+                print(f"{value:16.4g}  {error:13.4g}  {'' if order is None else f'{order:6.4g}'}")
+            print()
     return 0
 
 

@@ -13,13 +13,13 @@ from paper.explain import add_parser as add_explained
 from paper.figures import FIGURES, Figure
 from paper.figures.forms_table import CAPTION, forms_table
 from paper.figures.rendered import PICTURES, add_pictures, check_no_options, run_picture
+from paper.tables import TEXT_WIDTH
 
 from splatgl import __version__
 from splatgl.cli.main import refuse_empty
 from splatgl.cli.parser import BAD_INPUT, Parser, one_line
 from splatgl.errors import InputError, expected
 from splatgl.fileio import check_output, write_file
-from splatgl.report.page import TEXT_WIDTH
 
 # figures whose text output is the claims based on them
 CLAIMED = (9, 10)

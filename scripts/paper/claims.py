@@ -26,8 +26,8 @@ from paper.figures.footprint_errors import (
     surfaces,
 )
 from paper.figures.paper_setup import PAPER, Setting, Stretched
+from paper.tables import TEXT_WIDTH
 
-from splatgl.report.page import TEXT_WIDTH
 from splatgl.splat.footprint import Splat, switch_depth
 from splatgl.splat.kernels import Kernel, kernel
 

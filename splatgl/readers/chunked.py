@@ -49,6 +49,7 @@ class Stored(Protocol):
 
     def ready(self, places: Iterable[Sequence[int]]) -> None:
         """Called before chunks are read, with an index for each; does nothing, as all chunks are in the file."""
+        return
 
     def holds(self, place: Sequence[int]) -> bool:
         """Whether a chunk is stored: every one is. Others may raise InputError."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import csv
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
@@ -36,67 +36,20 @@ if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer
 
 
-# width of a printed page, characters
-TEXT_WIDTH = 78
+Cells = Sequence[str]
 
 
-@dataclass(frozen=True)
-class Table:
-    """Named columns, with units in the names; each row has a value per column.
-
-    title: its caption. folded: collapsed by default, where possible. strong: indices of highlighted rows.
+def table(columns: Cells, rows: Sequence[Cells], title: str, folded: bool = False, strong: Collection[int] = ()) -> str:
+    """HTML of a table; "" without rows. title: its caption. folded: collapsed by default. strong: indices of
+    highlighted rows.
     """
-
-    columns: tuple[str, ...]
-    rows: tuple[tuple[float | str | None, ...], ...]
-    title: str = ""
-    folded: bool = False
-    strong: frozenset[int] = frozenset()
-
-    def csv(self) -> str:
-        """Comma-separated text with a header, numbers in full precision, None as nothing."""
-        buffer = io.StringIO()
-        csv.writer(buffer, lineterminator="\n").writerows([self.columns, *self.rows])
-        return buffer.getvalue()
-
-    @property
-    def cells(self) -> list[list[str]]:
-        """The rows as text, numbers with four digits."""
-        return [["" if v is None else v if isinstance(v, str) else f"{v:.4g}" for v in row] for row in self.rows]
-
-    def text(self) -> str:
-        """Aligned columns."""
-        rows = [list(self.columns), *self.cells]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        return "\n".join("  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True)) for row in rows)
-
-    def markdown(self) -> str:
-        """Markdown, collapsed behind the title if folded; empty for a table without rows."""
-        if not self.rows:
-            return ""
-        rows = [
-            [f"**{cell}**" if cell and n in self.strong else cell for cell in row] for n, row in enumerate(self.cells)
-        ]
-        text = "\n".join([_line(self.columns), "|" + "---|" * len(self.columns), *map(_line, rows)])
-        if self.folded:
-            return f"<details><summary>{self.title}</summary>\n\n{text}\n\n</details>"
-        return f"{self.title}\n\n{text}" if self.title else text
-
-    def html(self) -> str:
-        """HTML, as `markdown`."""
-        if not self.rows:
-            return ""
-        classes = ["strong" if n in self.strong else "" for n in range(len(self.rows))]
-        body = f'<div class="wide">{html_table(self.columns, self.cells, classes)}</div>'
-        title = escape(self.title[:1].upper() + self.title[1:])
-        if self.folded:
-            return f"<details><summary>{title}</summary>{body}</details>"
-        return f'<section class="table">{f"<h3>{title}</h3>" if title else ""}{body}</section>'
-
-
-def _line(cells: Sequence[str]) -> str:
-    # escape bars, which would end the cell
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    if not rows:
+        return ""
+    classes = ["strong" if n in strong else "" for n in range(len(rows))]
+    body, title = f'<div class="wide">{html_table(columns, rows, classes)}</div>', escape(title[:1].upper() + title[1:])
+    if folded:
+        return f"<details><summary>{title}</summary>{body}</details>"
+    return f'<section class="table"><h3>{title}</h3>{body}</section>'
 
 
 HOW = (
@@ -204,8 +157,8 @@ def _field(scene: SceneResults) -> str:
     )
 
 
-def table_of(scene: SceneResults) -> Table:
-    """All methods: time, and the error against each truth, bold on its front."""
+def methods_table(scene: SceneResults) -> str:
+    """HTML of all methods: time, and the error against each truth, bold on its front."""
     best = {truth: {point.name for point in front(scene.rivals(truth))} for truth in scene.truths}
     exact, rows, strong = scene.row(EXACT), [], set()
     for row in scene.rows:
@@ -220,23 +173,25 @@ def table_of(scene: SceneResults) -> Table:
             strong.add(len(rows) - 1)
     errors = (f"RMSE, {NAMES[truth]}" for truth in scene.truths)
     head = ("method", "a frame", "times exact's", *errors, "largest error", "bound", "s to extract", "")
-    return Table(head, tuple(rows), f"All {len(rows)} methods; ● on the front", strong=frozenset(strong))
+    return table(head, rows, f"All {len(rows)} methods; ● on the front", strong=strong)
 
 
-def left_out(scene: SceneResults) -> Table:
+def left_out(scene: SceneResults) -> list[Cells]:
     """Methods that were not drawn, truths that are missing, and why."""
-    rows = [(row.method, row.omitted) for row in scene.rows if row.omitted]
+    rows: list[Cells] = [(row.method, row.omitted) for row in scene.rows if row.omitted]
     rows += [(f"{row.method}, {NAMES[truth]}", why) for row in scene.rows for truth, why in row.missing.items()]
     untimed = [row.method for row in scene.rows if row.timing is None and not row.omitted]
     rows += [(n, f"not timed: {'drawn in float64' if methods()[n].row else 'interrupted'}") for n in untimed]
-    return Table(("what", "why"), tuple(rows), "Left out", folded=True)
+    return rows
 
 
-def registry() -> Table:
+# columns of `registry`
+REGISTRY = ("axis", "what it is", "methods")
+
+
+def registry() -> list[tuple[str, str, str]]:
     """All methods by axis; also in the guide."""
-    rows = tuple((axis.name, axis.about, " · ".join(m.name for m in axis.methods)) for axis in AXES.values())
-    title = f"all {len(methods())} methods, by what is varied"
-    return Table(("axis", "what it is", "methods"), rows, title, folded=True)
+    return [(axis.name, axis.about, " · ".join(m.name for m in axis.methods)) for axis in AXES.values()]
 
 
 def number(value: float | None) -> str:
@@ -340,13 +295,15 @@ def page(
         parts += [f"<h2>{escape(name)}</h2>", f"<p>{len(subject.splats()):,} splats{note}, {size}.</p>"]
         parts.append(f"<ul>{''.join(f'<li>{_bold(text)}</li>' for text in conclusion(scene))}</ul>")
         parts += [_image(name, diagrams[file]) for file in (f"{name}.png",) if file in diagrams]
-        parts += [strips.get(name, ""), table_of(scene).html(), left_out(scene).html()]
+        parts += [strips.get(name, ""), methods_table(scene)]
+        parts.append(table(("what", "why"), left_out(scene), "left out", folded=True))
     truths = "; ".join(f"**{NAMES[truth]}**: against {about}" for truth, about in TRUTHS.items())
     how = HOW.format(rounds=level.rounds, rays=level.rays, steps=level.steps)
     parts += ["<h2>How it was measured</h2>", *(f"<p>{_bold(text)}</p>" for text in (f"{truths}.", how))]
     css = files("splatgl.report").joinpath(STYLE).read_text(encoding="utf-8")
     named = f"{title}: {', '.join(scene.subject.name for scene in scenes)}"
-    return html_page(named, css, [*parts, registry().html(), "</main>"])
+    listed = table(REGISTRY, registry(), f"all {len(methods())} methods, by what is varied", folded=True)
+    return html_page(named, css, [*parts, listed, "</main>"])
 
 
 def _bold(text: str) -> str:
@@ -363,13 +320,15 @@ def as_csv(scenes: Sequence[SceneResults]) -> str:
     """A header, and a line per method and scene; numbers in full precision, empty cells for missing values."""
     names = ("rmse", "maximum", "share_over", "energy")
     columns = ("scene", "method", "same_as", "omitted", "splats", "extraction", "tolerance", "bound", "seconds")
-    rows = []
+    buffer = io.StringIO()
+    rows: list[Sequence[Any]] = [(*columns, *(f"{truth}_{name}" for truth in TRUTHS for name in names))]
     for scene in scenes:
         for row in scene.rows:
             first = [scene.subject.name, *(getattr(row, name) for name in columns[1:-1])]
             first.append(row.timing.median if row.timing else None)
             rows.append((*first, *(row.error(truth, name) for truth in TRUTHS for name in names)))
-    return Table((*columns, *(f"{truth}_{name}" for truth in TRUTHS for name in names)), tuple(rows)).csv()
+    csv.writer(buffer, lineterminator="\n").writerows(rows)
+    return buffer.getvalue()
 
 
 def publish(

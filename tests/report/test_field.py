@@ -149,12 +149,12 @@ def test_a_report_without_a_field(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 @pytest.mark.few(3)
 @pytest.mark.parametrize("study", STUDIES, ids=lambda study: study.name)
 def test_errors_converge_as_expected(renderer: sg.Renderer, study: Study) -> None:
-    orders = [order for _, _, order in study.table(renderer).rows if order is not None]
+    orders = [order for _, _, order in study.rows(renderer) if order is not None]
     assert median_low(orders) == pytest.approx(study.expected, abs=0.45)
 
 
 def test_the_field_converges(renderer: sg.Renderer) -> None:
     (study,) = (study for study in STUDIES if study.name == "points of the field")
-    rows = study.table(renderer).rows
+    rows = study.rows(renderer)
     assert all(order == pytest.approx(study.expected, abs=0.2) for _, _, order in rows[1:])
     assert rows[-1][1] < 1e-4

@@ -7,9 +7,9 @@ from functools import partial
 from textwrap import fill
 
 import numpy as np
+from paper.tables import TEXT_WIDTH, Table
 
 from splatgl.reference.field import ray_integral
-from splatgl.report.page import TEXT_WIDTH, Table
 from tests.stress import attenuation
 from tests.stress.case import (
     Bench,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from paper.figures import footprint_errors, geometry, motion_blur
+from paper.tables import Table
 
 from splatgl.report.diagram import encode, style
-from splatgl.report.page import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

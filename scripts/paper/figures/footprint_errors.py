@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from paper.figures.drawing import LINES, draw_isolines
 from paper.figures.paper_setup import PAPER, Stretched
 from paper.forms import FORMS
+from paper.tables import Table
 
 from splatgl.report.diagram import BLACK, COLUMN, GRAY, RED, sheet
-from splatgl.report.page import Table
 from splatgl.splat.footprint import ROWS, Splat, row1
 from splatgl.splat.kernels import Kernel
 

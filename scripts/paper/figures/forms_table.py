@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from paper.figures.footprint_errors import ALL, Space
 from paper.figures.paper_setup import PAPER
-
-from splatgl.report.page import Table
+from paper.tables import Table
 
 CAPTION = (
     "Four approximations of Table 1 and form b′ against row 1, the correct stretch: the largest error of a splat over "

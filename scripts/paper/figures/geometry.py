@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from paper.figures.drawing import LINES, PALE, bare, draw_eye, draw_isolines, measure, plain
 from paper.figures.paper_setup import Stretched, straight_ahead
+from paper.tables import Table
 
 from splatgl.geometry.camera import Camera
 from splatgl.report.diagram import BLACK, BLUE, GRAY, RED, sheet
-from splatgl.report.page import Table
 from splatgl.splat.footprint import ROWS, Splat, row1
 from splatgl.splat.kernels import kernel
 

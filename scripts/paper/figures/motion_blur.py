@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from paper.figures.drawing import bare, measure, plain
 from paper.forms import energy_gain, paper_gain, streak, stretched_footprint
+from paper.tables import Table
 
 from splatgl.report.diagram import BLACK, BLUE, GRAY, GREEN, RED, sheet
-from splatgl.report.page import Table
 from splatgl.splat.kernels import kernel
 from splatgl.splat.motion_blur import MOTIONS
 

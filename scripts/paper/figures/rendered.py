@@ -25,6 +25,7 @@ from paper.aliasing import (
     share_beyond,
     strip,
 )
+from paper.tables import TEXT_WIDTH, Table
 
 from splatgl import __version__
 from splatgl.animation.camera_track import Turning, turning
@@ -37,7 +38,6 @@ from splatgl.fileio import check_output, check_source, write_file
 from splatgl.geometry.camera import Camera
 from splatgl.options import Kind, declared
 from splatgl.planning.resolve import blur_form
-from splatgl.report.page import TEXT_WIDTH, Table
 from splatgl.scene.draw import DrawOptions
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
