@@ -6,7 +6,6 @@ import base64
 import csv
 import io
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -77,28 +76,16 @@ PREVIEW_ERROR, PREVIEW_TIME = 3.0, 1.5
 FINER = 0.8
 
 
-@dataclass(frozen=True)
-class Choice:
-    """A method that is recommended for a purpose: default, previews or print."""
-
-    purpose: str
-    point: Point
-
-    @property
-    def text(self) -> str:
-        """Its name, error and time."""
-        return f"{methods()[self.point.name].words}: {percent(self.point.error)} off in {milliseconds(self.point.time)}"
-
-
-def choices(scene: SceneResults) -> tuple[Choice, ...]:
-    """Methods that are recommended for a scene: the default, a fast one for previews, the most accurate one for print.
+def choices(scene: SceneResults) -> dict[str, Point]:
+    """Methods that are recommended for a scene by purpose: the default, a fast one for previews, the most accurate one
+    for print.
 
     Empty if the default was not measured. What is no better than the default is the default.
     """
     truth = scene.deciding_truth
     default = scene.point(DEFAULT, truth)
     if default is None:
-        return ()
+        return {}
     others = [p for p in scene.rivals(truth) if p.name != DEFAULT]
     quick = [
         p
@@ -108,7 +95,7 @@ def choices(scene: SceneResults) -> tuple[Choice, ...]:
     finer = [p for p in others if p.error < FINER * default.error]
     fastest = min(quick, key=lambda p: p.time.median, default=default)
     best = min(finer, key=lambda p: p.error, default=default)
-    return Choice("default", default), Choice("previews", fastest), Choice("print", best)
+    return {"default": default, "previews": fastest, "print": best}
 
 
 def conclusion(scene: SceneResults) -> list[str]:
@@ -120,10 +107,19 @@ def _recommended(scene: SceneResults) -> str:
     made = choices(scene)
     if not made:
         return ""
-    also = "".join(f", for {c.purpose}, too" for c in made[1:] if c.point.name == DEFAULT)
-    others = "".join(f"; for {c.purpose} {c.text}" for c in made[1:] if c.point.name != DEFAULT)
+    default = made.pop("default")
+    also = "".join(f", for {purpose}, too" for purpose, point in made.items() if point.name == DEFAULT)
+    others = "".join(
+        f"; for {purpose} {methods()[point.name].words}: {_told(point)}"
+        for purpose, point in made.items()
+        if point.name != DEFAULT
+    )
     off = f"Off: root mean square of the differences from {PLAIN[scene.deciding_truth]}."
-    return f"**Take the default** ({made[0].text.partition(': ')[2]}){also}{others}. {off}"
+    return f"**Take the default** ({_told(default)}){also}{others}. {off}"
+
+
+def _told(point: Point) -> str:
+    return f"{percent(point.error)} off in {milliseconds(point.time)}"
 
 
 def _drawing(scene: SceneResults) -> str:

@@ -86,10 +86,10 @@ def decided(**measured: tuple[float, float]) -> SceneResults:
 def test_what_to_take() -> None:
     """The default; for previews what is faster and not much worse; for print what is better."""
     all_made = decided(**{"default": (0.1, 0.2), "exact": (0.2, 0.1), "2×2": (0.25, 0.01), "4×4": (0.9, 0.001)})
-    assert [c.point.name for c in choices(all_made)] == ["default", "2×2", "default"]
+    assert [point.name for point in choices(all_made).values()] == ["default", "2×2", "default"]
     finer = decided(**{"default": (0.1, 0.2), "exact": (0.2, 0.19), "post b-spline 4×4": (0.05, 2.0)})
-    assert [c.point.name for c in choices(finer)] == ["default", "default", "post b-spline 4×4"]
-    assert choices(decided(exact=(0.1, 0.2))) == ()
+    assert [point.name for point in choices(finer).values()] == ["default", "default", "post b-spline 4×4"]
+    assert choices(decided(exact=(0.1, 0.2))) == {}
     assert conclusion(all_made)[0].startswith(
         "**Take the default** (10 % off in 200 ms), for print, too; for previews single splats, 2×2 samples a pixel: "
         "25 % off in 10 ms."
