@@ -406,16 +406,21 @@ def find_decoder(syntax: str) -> Any:
 UID_NAMES = {"1.2.840.10008.1.2.4.50": "JPEG Baseline", "1.2.840.10008.1.2.4.70": "JPEG Lossless"}
 
 
-def decode_frames(header: Header, frames: Sequence[Frame]) -> Iterator[tuple[Frame, np.ndarray, np.ndarray | None]]:
-    """(frame, stored values [H, W], colours uint8 [H, W, 3] or None) of frames of one file, by their numbers."""
-    decoder = find_decoder(header.syntax)
+def decode_frames(
+    header: Header, frames: Sequence[Frame], tags: Any = None
+) -> Iterator[tuple[Frame, np.ndarray, np.ndarray | None]]:
+    """(frame, stored values [H, W], colours uint8 [H, W, 3] or None) of frames of one file, by their numbers. tags: the
+    file's data set, read if it is not given.
+    """
+    wanted = {frame.number: frame for frame in frames}
+    is_mosaic = header.mosaic.tiles > 1
+    numbers = [0] if is_mosaic else sorted(wanted)
     with header.source.open() as file:
-        tags = read_dataset(file)
-        wanted = {frame.number: frame for frame in frames}
-        is_mosaic = header.mosaic.tiles > 1
-        for number, data in _read_stored(file, header, [0] if is_mosaic else sorted(wanted)):
+        tags = read_dataset(file) if tags is None else tags
+        arrays = _decode(file, header, numbers, tags)
+        for number in numbers:
             with dicom_errors():
-                array = _decode(decoder, header, data, tags)
+                array = next(arrays)
                 color = _to_rgb(array, header, tags) if is_color(header) else None
             if array.shape[:2] != header.size:
                 raise expected("pixels", f"{header.size}", array.shape[:2], "the file is damaged")
@@ -426,51 +431,33 @@ def decode_frames(header: Header, frames: Sequence[Frame]) -> Iterator[tuple[Fra
                 yield wanted[place], array[part], None if color is None else color[part]
 
 
-def _read_stored(file: Bounded, header: Header, wanted: Sequence[int]) -> Iterator[tuple[int, bytes]]:
-    """(number, stored bytes) of the frames."""
-    decoder = find_decoder(header.syntax)
-    file.seek(header.offset)
-    if not decoder.is_encapsulated:
-        size = frame_bytes(header)
-        for number in wanted:
-            # bytes of words begin at an even one
-            odd = number * size % 2 * header.swapped
-            file.seek(header.offset + number * size - odd)
-            data = file.read(size + odd + (size + odd) % 2 * header.swapped)
-            require_bytes(size + odd, len(data), "pixels")
-            if header.swapped:
-                data = np.frombuffer(data[: len(data) // 2 * 2], np.uint16).byteswap().tobytes()[odd : odd + size]
-            yield number, data
-        return
-    from pydicom.encaps import generate_frames
-
-    with dicom_errors():
-        stored = generate_frames(file, number_of_frames=header.frames)
-        last = -1
-        for number in wanted:
-            data = next(islice(stored, number - last - 1, None), b"")
-            last = number
-            if not data:
-                raise expected("pixels", f"{header.frames} frames", number, "the file is cut short")
-            yield number, data
-
-
-def _decode(decoder: Any, header: Header, data: bytes, tags: Any) -> np.ndarray:
-    """A frame's values; the sizes that a compressed frame's header states are checked first."""
-    from pydicom.encaps import encapsulate
+def _decode(file: Bounded, header: Header, numbers: Sequence[int], tags: Any) -> Iterator[np.ndarray]:
+    """Values of frames, whose numbers ascend; the sizes that a compressed frame's header states are checked first."""
+    from pydicom.encaps import encapsulate, generate_frames
     from pydicom.pixels.utils import as_pixel_options
 
-    if decoder.is_encapsulated:
+    decoder = find_decoder(header.syntax)
+    shift = header.shift if decoder.is_native and header.stored[0] + header.shift <= header.allocated else 0
+    plain = {"bits_stored": header.stored[0] + shift} if header.stored[0] else {}
+    plain |= {"number_of_frames": header.frames if decoder.is_native else 1}
+    wide = "OB" if header.allocated <= 8 and not header.swapped else "OW"
+    options: Any = as_pixel_options(tags, pixel_keyword=header.pixels, pixel_vr=wide, **plain)
+    options.pop("extended_offsets", None)
+    file.seek(header.offset)
+    if decoder.is_native:
+        # one by one: `iter_array` takes the frames behind the first of YBR_FULL_422 for those of YBR_FULL
+        for number in numbers:
+            array = decoder.as_array(file, index=number, **options)[0]
+            yield array >> shift if shift else array
+        return
+    stored = generate_frames(file, number_of_frames=header.frames)
+    for number, before in zip(numbers, (-1, *numbers), strict=False):
+        data = next(islice(stored, number - before - 1, None), b"")
+        if not data:
+            raise expected("pixels", f"{header.frames} frames", number, "the file is cut short")
         if header.syntax != RLE:
             check_picture(picture_size(data), *header.size, exact=True)
-        data = encapsulate([data], has_bot=False)
-    wide = "OB" if header.allocated <= 8 else "OW"
-    shift = 0 if decoder.is_encapsulated or header.stored[0] + header.shift > header.allocated else header.shift
-    plain = {"bits_stored": header.stored[0] + shift} if header.stored[0] else {}
-    options: Any = as_pixel_options(tags, number_of_frames=1, pixel_keyword=header.pixels, pixel_vr=wide, **plain)
-    options.pop("extended_offsets", None)
-    array = np.asarray(decoder.as_array(data, index=0, validate=True, raw=False, **options)[0])
-    return array >> shift if shift else array
+        yield decoder.as_array(encapsulate([data], has_bot=False), index=0, **options)[0]
 
 
 def check_picture(stated: tuple[tuple[int, ...], int], rows: int, columns: int, exact: bool = False) -> None:

@@ -181,7 +181,7 @@ def _frame_masks(
             frame for frame, owner in zip(frames, owners, strict=True) if owner == number or kind == "LABELMAP"
         ]
         masks_by_plane: dict[int, np.ndarray] = {}
-        for frame, values in _frame_values(head, segment_frames):
+        for frame, values, _ in decode_frames(head, segment_frames, tags):
             mask = (
                 values == number if kind == "LABELMAP" else values * 2.0 >= most if kind == "FRACTIONAL" else values > 0
             )
@@ -203,23 +203,6 @@ def _frame_segments(tags: Any, count: int) -> list[int]:
             raise expected("frames", "a segment number per frame", "none", "the file is damaged")
         segments.append(int(next(filter(None, items))[0].ReferencedSegmentNumber))
     return segments
-
-
-def _frame_values(head: Header, selected: Sequence[Frame]) -> Iterator[tuple[Frame, np.ndarray]]:
-    """Frames and their stored values [H, W]."""
-    if head.allocated != 1:
-        yield from ((frame, stored) for frame, stored, _ in decode_frames(head, selected))
-        return
-    size = head.size[0] * head.size[1]
-    with head.source.open() as file:
-        for frame in selected:
-            # a frame's bits begin where the last frame's end
-            first, last = frame.number * size, (frame.number + 1) * size
-            file.seek(head.offset + first // 8)
-            data = np.frombuffer(file.read(-(-last // 8) - first // 8), np.uint8)
-            bits = np.unpackbits(data, bitorder="little")[first % 8 :][:size]
-            require_bytes(size, len(bits), "pixels")
-            yield frame, bits.reshape(head.size)
 
 
 def _place_frames(frames: Sequence[Frame], size: tuple[int, int]) -> tuple[Grid, dict[int, list[int]]]:

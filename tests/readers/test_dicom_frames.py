@@ -179,6 +179,17 @@ def test_bits_above_others_and_bytes_in_words(tmp_path: Path) -> None:
     np.testing.assert_array_equal(sg.load(tmp_path / "b.dcm").samples, BYTES)
 
 
+def test_frames_that_share_their_chroma(tmp_path: Path) -> None:
+    """Of every frame, not only of the first one, two pixels share theirs."""
+    luma = (np.arange(3 * 4 * 6) * 3 % 200 + 20).astype(np.uint8).reshape(3, 4, 6)
+    data = image(luma, SamplesPerPixel=3, PhotometricInterpretation="YBR_FULL_422", PlanarConfiguration=0)
+    grey = np.full((3, 4, 3, 4), 128, np.uint8)
+    grey[..., :2] = luma.reshape(3, 4, 3, 2)
+    data.PixelData = grey.tobytes()
+    save(data, tmp_path / "a.dcm")
+    assert np.abs(sg.load(tmp_path / "a.dcm").samples.astype(int) - luma).max() <= 1
+
+
 def test_times_run_across_midnight(tmp_path: Path) -> None:
     """By the date of the acquisition, where the file has one."""
     moments = (("20240229", "235958"), ("20240229", "235959.5"), ("20240301", "000001"))
