@@ -8,21 +8,19 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import volume_on_grid
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
-from splatgl.readers.channels import ChannelSet
-from splatgl.readers.common import decoder_errors, grid_shape, require_bytes, require_plausible
+from splatgl.readers.common import decoder_errors, require_bytes, require_plausible
 from splatgl.readers.hdf5_files import open_hdf5
 from splatgl.readers.microscopes import BoundedFile
+from splatgl.readers.nifti import check_sizes, find_beside, volume_in_time
 from splatgl.readers.options import LoadOptions
 
 # most bytes of a header in text
@@ -45,40 +43,32 @@ def read_minc(path: Path, options: LoadOptions) -> Volume:
         stack.callback(opened.close)
         image = form(opened)
         shape = [int(size) for size in image.get_data_shape()]
-        _check(shape, shape[-3:], path, is_packed=is_hdf5)
-        matrix, zooms = np.asarray(image.get_affine(), np.float64), [float(zoom) for zoom in image.get_zooms()]
+        _check(shape, slice(-3, None), path, is_packed=is_hdf5)
+        matrix, zooms = np.array(image.get_affine(), np.float64), [float(zoom) for zoom in image.get_zooms()]
         step = zooms[0] if len(shape) > 3 and len(zooms) > 3 else 0.0
 
         def read_samples(time: int) -> np.ndarray:
             return np.asarray(image.get_scaled_data((time,) if len(shape) > 3 else ()))
 
         # nibabel has the slowest axis first
-        grid = (matrix[:3, :3][:, ::-1], matrix[:3, 3])
-        return _volume(read_samples, shape[0] if len(shape) > 3 else 1, step, grid, options)
+        matrix[:3, :3] = matrix[:3, 2::-1]
+        return volume_in_time(read_samples, shape[0] if len(shape) > 3 else 1, step, matrix, options)
 
 
 def read_afni(path: Path, options: LoadOptions) -> Volume:
     """The volume of AFNI's pair .HEAD and .BRIK or .BRIK.gz, either of which may be named; `time` picks a sub-brick."""
     nibabel = import_extra("nibabel", "AFNI files", "nibabel", "readers")
     stem = path.name[: -len(".brik.gz" if path.name.lower().endswith(".gz") else ".head")]
-    header = _beside(path, stem, (".HEAD", ".head"))
-    data = _beside(path, stem, (".BRIK", ".BRIK.gz", ".brik", ".brik.gz"))
+    header = find_beside(path, stem, (".HEAD", ".head"))
+    data = find_beside(path, stem, (".BRIK", ".BRIK.gz", ".brik", ".brik.gz"))
     return _read_pair(nibabel.brikhead.AFNIImage, "AFNI", header, data, options)
 
 
 def read_parrec(path: Path, options: LoadOptions) -> Volume:
     """The volume of Philips' pair .PAR and .REC, in the values that the scanner displays; `time` picks a time point."""
     nibabel = import_extra("nibabel", "PAR/REC files", "nibabel", "readers")
-    data = _beside(path, path.stem, (".REC", ".rec"))
+    data = find_beside(path, path.stem, (".REC", ".rec"))
     return _read_pair(nibabel.parrec.PARRECImage, "PAR/REC", path, data, options)
-
-
-def _beside(path: Path, stem: str, endings: tuple[str, ...]) -> Path:
-    """The file of a pair beside `path`. Raises InputError without one."""
-    found = next((path.with_name(stem + ending) for ending in endings if path.with_name(stem + ending).is_file()), None)
-    if found is None:
-        raise expected("pair", f"{stem}{endings[0]} beside it", "none", "put both files side by side")
-    return found
 
 
 def _read_pair(form: Any, title: str, header: Path, data: Path, options: LoadOptions) -> Volume:
@@ -91,7 +81,7 @@ def _read_pair(form: Any, title: str, header: Path, data: Path, options: LoadOpt
         affine, stored = np.asarray(head.get_affine(), np.float64), np.dtype(head.get_data_dtype())
     packed = data.name.lower().endswith(".gz")
     # before nibabel makes a scale for each of a damaged number of time points
-    _check(shape, shape[:3], data, packed)
+    _check(shape, slice(3), data, packed)
     if not packed:
         require_bytes(byte_count(shape, stored), data.stat().st_size, data.name)
     step = zooms[3] if len(shape) > 3 and len(zooms) > 3 else 0.0
@@ -101,32 +91,14 @@ def _read_pair(form: Any, title: str, header: Path, data: Path, options: LoadOpt
             stack = form.ImageArrayProxy(str(data), head)
             return np.asarray(stack[(..., time) if len(shape) > 3 else ...]).T
 
-    return _volume(read_samples, shape[3] if len(shape) > 3 else 1, step, (affine[:3, :3], affine[:3, 3]), options)
+    return volume_in_time(read_samples, shape[3] if len(shape) > 3 else 1, step, affine, options)
 
 
-def _check(shape: list[int], space: list[int], data: Path, is_packed: bool) -> None:
+def _check(shape: list[int], space: slice, data: Path, is_packed: bool) -> None:
     """Raises InputError for sizes that the file cannot hold, or that the memory cannot."""
     if len(shape) not in (3, 4):
         raise expected("dimensions", "three or four axes", len(shape))
-    grid_shape(space)
-    if min(shape) < 1:
-        raise expected("dimensions", "at least one entry along each axis", shape, "the header is damaged")
+    check_sizes(shape, space)
     there = data.stat().st_size
     require_plausible(math.prod(shape), there, bounded=is_packed)
     require_memory(byte_count(shape, _SCALED), there)
-
-
-def _volume(
-    read_samples: Callable[[int], np.ndarray], times: int, step: float, grid: Any, options: LoadOptions
-) -> Volume:
-    """The volume of the picked time point. read_samples: of a time point, [z, y, x]. step: seconds between two."""
-    points = ChannelSet(times=times, step=step if 0 < step < math.inf else None)
-
-    def read_one(_: int | None) -> Volume:
-        samples = read_samples(options.point)
-        if samples.dtype.kind not in "buif":
-            raise expected("samples", "real numbers", samples.dtype, "convert it to one number per voxel")
-        samples = samples.astype(np.float32) if samples.dtype == _SCALED else samples
-        return volume_on_grid(samples, grid[0], grid[1], "affine", unit="mm", frame="RAS")
-
-    return points.volume(options, read_one)

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 import re
 import struct
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -54,7 +54,10 @@ def read_analyze(path: Path, options: LoadOptions) -> Volume:
     """The volume of an Analyze or NIfTI pair in RAS, packed or not; `time` picks the time point of a 4-D image."""
     nibabel = import_extra("nibabel", "Analyze files", "nibabel", "readers")
     # 1. both files; `path` may be either
-    header, data = (_pair_file(path, suffix) for suffix in (".hdr", ".img"))
+    stem, packing = re.fullmatch(r"(.*?)\.[^.]*(\.gz|)", path.name, re.I | re.S).groups()  # type: ignore[union-attr]
+    header, data = (
+        find_beside(path, stem, (f"{suffix}{packing}", f"{suffix.upper()}{packing}")) for suffix in (".hdr", ".img")
+    )
     first = _first_bytes(header)
     if first[344:347] == b"ni1" or first[4:7] == b"ni2":
         return _read_nifti(first, data, options)
@@ -63,15 +66,25 @@ def read_analyze(path: Path, options: LoadOptions) -> Volume:
     # 2. its sizes, checked against the data; SPM's scale factor and origin, without its .mat file
     with decoder_errors("Analyze"):
         fields = nibabel.spm2analyze.Spm2AnalyzeHeader(first[:_HEADER])
-        stored = _Stored.of(data, fields, _scaling(*fields.get_slope_inter()))
-        affine = fields.get_best_affine()
-    _check_bytes(stored)
+        shape, scaling, affine = _shape(fields), _scaling(*fields.get_slope_inter()), fields.get_best_affine()
+    read_samples = _open_samples(data, shape, fields.get_data_dtype(), int(fields.get_data_offset()), scaling)
     options.refuse("channel", "several numbers per voxel")
-    times = ChannelSet(times=math.prod(stored.shape[3:]))
-    volume = times.volume(options, lambda _: _frame_volume(stored, affine, options, "time"))
-    matlab = header.with_name(header.name.split(".hdr")[0] + ".mat")
+
+    def read_time(time: int) -> np.ndarray:
+        return read_samples((*[slice(None)] * 3, *map(int, np.unravel_index(time, shape[3:], order="F"))))
+
+    volume = volume_in_time(read_time, math.prod(shape[3:]), 0.0, affine, options)
+    matlab = header.with_name(f"{stem}.mat")
     note = f"the orientation in {matlab.name} is not read: save the volume as NIfTI with SPM"
     return replace(volume, notes=(*volume.notes, *[note] * matlab.is_file()))
+
+
+def find_beside(path: Path, stem: str, endings: tuple[str, ...]) -> Path:
+    """The file of a pair beside `path`, or `path` itself. Raises InputError without one."""
+    found = next((path.with_name(stem + ending) for ending in endings if path.with_name(stem + ending).is_file()), None)
+    if found is None:
+        raise expected("pair", f"{stem}{endings[0]} beside it", "none", "put both files side by side")
+    return found
 
 
 def read_mgh(path: Path, options: LoadOptions) -> Volume:
@@ -80,28 +93,39 @@ def read_mgh(path: Path, options: LoadOptions) -> Volume:
     with decoder_errors("MGH"), open_unpacked(path) as file:
         first = file.read(_MGH_START)
     require_bytes(_MGH_START, len(first), "header")
-    version, *_, code = struct.unpack(">6i", first[:24])
+    version, *sizes, code = struct.unpack(">6i", first[:24])
     if version != 1 or code not in _MGH_TYPES:
         raise expected("header", "version 1, and type 0, 1, 3 or 4", f"{version}, {code}", "is this an MGH file?")
-    _check(list(struct.unpack(">4i", first[4:20])), _MGH_TYPES[code])
+    read_samples = _open_samples(path, sizes, _MGH_TYPES[code], _MGH_START)
     with decoder_errors("MGH"):
-        header = nibabel.freesurfer.mghformat.MGHHeader(first)
-        affine = header.get_affine()
-        stored = _Stored.of(path, header)
-    _check_bytes(stored)
-    volume = _frame_volume(stored, affine, options)
+        affine = nibabel.freesurfer.mghformat.MGHHeader(first).get_affine()
+    if sizes[3] == 1 and options.array is not None:
+        options.array_number(1)
+    volume = volume_on_affine(read_samples(options.index(sizes, {3: "array"})), affine)
     note = "the header states no orientation (goodRASFlag 0): coronal slices of voxels of 1 mm are taken"
     is_oriented = any(first[_RAS_FLAG])
     return volume if is_oriented else replace(volume, notes=(*volume.notes, note))
 
 
-def _pair_file(path: Path, suffix: str) -> Path:
-    """The file of the pair with that suffix, in the case of the given path, or packed."""
-    stem, old, packing = re.fullmatch(r"(.*?)(\.[^.]*)(\.gz|)", path.name, re.I | re.S).groups()  # type: ignore[union-attr]
-    file = path.with_name(stem + (suffix.upper() if old.isupper() else suffix) + packing)
-    if not file.is_file():
-        raise expected("pair", f"{file.name} beside it", "none", "put both files side by side")
-    return file
+def volume_in_time(
+    read_time: Callable[[int], np.ndarray], times: int, step: float, affine: np.ndarray, options: LoadOptions
+) -> Volume:
+    """The volume of the picked time point. read_time: samples [z, y, x] of a time point. step: seconds between two.
+    affine [4, 4]: from indices (x, y, z) to RAS in millimetres.
+    """
+
+    def read_one(_: int | None) -> Volume:
+        samples = read_time(options.time_number(times))
+        if samples.dtype.kind not in "buif":
+            raise expected("samples", "real numbers", samples.dtype, "convert it to one number per voxel")
+        return volume_on_affine(samples.astype(np.float32) if samples.dtype == np.float64 else samples, affine)
+
+    return ChannelSet(times=times, step=step if 0 < step < math.inf else None).volume(options, read_one)
+
+
+def volume_on_affine(samples: np.ndarray, affine: np.ndarray) -> Volume:
+    """The volume of samples [z, y, x] in millimetres, by an affine [4, 4] of nibabel."""
+    return volume_on_grid(samples, affine[:3, :3], affine[:3, 3], "affine", unit="mm", frame="RAS")
 
 
 def _is_color_type(dtype: np.dtype) -> bool:
@@ -109,29 +133,11 @@ def _is_color_type(dtype: np.dtype) -> bool:
     return dtype.names in (("R", "G", "B"), ("R", "G", "B", "A"))
 
 
-def _check(sizes: list[int], dtype: np.dtype, more: bool = False) -> None:
-    """more: permits colours and complex numbers."""
-    if dtype.kind not in "uif" and not (more and (_is_color_type(dtype) or dtype.kind == "c")):
-        raise expected("samples", "real numbers", dtype, "convert the file to one number per voxel")
-    _check_sizes(sizes)
-
-
-def _check_sizes(sizes: list[int]) -> list[int]:
-    grid_shape(sizes[:3])
+def check_sizes(sizes: Sequence[int], space: slice = slice(3)) -> None:
+    """Raises InputError for sizes that no image has. space: those along x, y and z, in either order."""
+    grid_shape(sizes[space])
     if min(sizes) < 1:
-        raise expected("dimensions", "at least one entry along each axis", sizes, "the header is damaged")
-    return sizes
-
-
-def _frame_volume(stored: _Stored, affine: np.ndarray, options: LoadOptions, name: str = "array") -> Volume:
-    """The volume in millimetres; the option `name` picks along a fourth axis."""
-    sizes = stored.shape
-    long = [axis for axis in range(3, len(sizes)) if sizes[axis] > 1]
-    picked: dict[int, str | int] = {axis: name if axis in long else 0 for axis in range(3, len(sizes))}
-    if not long and options.array is not None:
-        options.array_number(1)
-    samples = stored.read(options.index(sizes, picked))
-    return volume_on_grid(samples, affine[:3, :3], affine[:3, 3], "affine", unit="mm", frame="RAS")
+        raise expected("dimensions", "at least one entry along each axis", list(sizes), "the header is damaged")
 
 
 # units of length by the lowest three bits of xyzt_units (nifti1.h); other codes are no lengths
@@ -176,68 +182,69 @@ def _read_nifti(first: bytes, data: Path, options: LoadOptions) -> Volume:
     form = getattr(module, f"Nifti{1 + is_nifti2}{'Pair' * is_pair}Header")
     with decoder_errors("NIfTI"):
         header = form(first[: form.sizeof_hdr])
-        stored = _Stored.of(data, header, _scaling(*_stated(header)))
-    _check_bytes(stored)
+        shape, start = _shape(header), int(header.get_data_offset())
+    scaling = _scaling(float(header["scl_slope"]), float(header["scl_inter"]))
+    read_samples = _open_samples(data, shape, header.get_data_dtype(), start, scaling)
     affine, notes = _affine(header)
-    volume = _volume_of(header, stored.shape, affine, stored.read, options)
+    volume = _volume_of(header, shape, affine, read_samples, options)
     return replace(volume, notes=(*notes, *volume.notes))
+
+
+def _shape(header: Any) -> tuple[int, ...]:
+    """The sizes that a header of nibabel states, three at least."""
+    sizes = tuple(int(size) for size in header.get_data_shape())
+    return (*sizes, 1) if len(sizes) == 2 else sizes
 
 
 def volume_of_image(image: Any, options: LoadOptions) -> Volume:
     """The volume of a nibabel image with a NIfTI header, in a file or in memory, as `read` returns it."""
     data, sizes = image.dataobj, tuple(int(size) for size in image.shape)
-    unscaled, scaling = (lambda: data), _NOT_SCALED
-    if hasattr(data, "get_unscaled"):
-        unscaled, scaling = data.get_unscaled, (float(data.slope), float(data.inter))
+    codes = image.header["sform_code"] or image.header["qform_code"]
+    is_stored = hasattr(data, "get_unscaled")
+    scaling = (float(data.slope), float(data.inter)) if is_stored else _NOT_SCALED
+
+    def read_whole(index: Index) -> np.ndarray:
+        return _scale(np.asanyarray(data.get_unscaled() if is_stored else data)[index].T, *scaling)
+
+    file = getattr(data, "file_like", None)
+    is_path = isinstance(file, str | Path)
+    read_samples = _open_samples(Path(file), sizes, data.dtype, int(data.offset), scaling) if is_path else read_whole
+    return _volume_of(image.header, sizes, image.affine if codes else None, read_samples, options)
+
+
+def _open_samples(
+    path: Path, shape: Sequence[int], dtype: np.dtype, start: int, scaling: Scaling = _NOT_SCALED
+) -> Read:
+    """A function that reads the samples [z, y, x] of a file at an index, mapped where the file permits. shape: in the
+    file, [x, y, z, …]; start: the byte of the first, unpacked if the file is packed. Raises InputError for a file that
+    cannot hold them.
+    """
+    if dtype.kind not in "uifc" and not _is_color_type(dtype):
+        raise expected("samples", "numbers or colours", dtype, "convert the file to one number per voxel")
+    check_sizes(shape)
+    if start < 0:
+        raise expected("vox_offset", "a place in the file", start, "the header is damaged")
+    needed, there, packed = start + byte_count(shape, dtype), path.stat().st_size, is_packed(path)
+    if packed:
+        with path.open("rb") as file:
+            require_plausible(needed, there, bounded=file.read(len(GZIP)) == GZIP)
+    else:
+        require_bytes(needed, there)
 
     def read_samples(index: Index) -> np.ndarray:
-        return _scale(np.asanyarray(unscaled())[index].T, *scaling)
-
-    name = str(getattr(data, "file_like", ""))
-    is_packed = hasattr(data, "get_unscaled") and name.lower().endswith(".gz")
-    stored = _Stored(Path(name), True, sizes, data.dtype, int(data.offset), scaling) if is_packed else None
-    codes = image.header["sform_code"] or image.header["qform_code"]
-    read_index = stored.read if stored else read_samples
-    return _volume_of(image.header, sizes, image.affine if codes else None, read_index, options)
-
-
-@dataclass(frozen=True)
-class _Stored:
-    """The stored samples [x, y, z, …] of a file, unpacked first if `packed`, from byte `start` on; slope, intercept."""
-
-    path: Path
-    packed: bool
-    shape: tuple[int, ...]
-    dtype: np.dtype
-    start: int
-    scaling: Scaling
-
-    @classmethod
-    def of(cls, path: Path, header: Any, scaling: Scaling = _NOT_SCALED) -> _Stored:
-        """The samples of a file that nibabel's header describes."""
-        shape = tuple(int(size) for size in header.get_data_shape())
-        shape = (*shape, 1) if len(shape) == 2 else shape
-        dtype = np.dtype(header.get_data_dtype())
-        return cls(path, is_packed(path), shape, dtype, int(header.get_data_offset()), scaling)
-
-    def read(self, index: Index) -> np.ndarray:
-        """The samples [z, y, x] at an index, mapped where the file permits."""
-        if not self.packed:
-            return _scale(map_array(self.path, self.start, self.dtype, self.shape[::-1]).T[index].T, *self.scaling)
-        from nibabel.fileslice import fileslice
+        if not packed:
+            return _scale(map_array(path, start, dtype, shape[::-1]).T[index].T, *scaling)
+        from nibabel.arrayproxy import ArrayProxy
 
         # memory for the picked samples only; scaled ones take room twice
-        count = math.prod(size for size, at in zip(self.shape, index, strict=True) if at == slice(None))
-        room = self.dtype.itemsize + (self.scaling != _NOT_SCALED) * np.dtype(np.float32).itemsize
-        require_memory(count * room, self.path.stat().st_size)
-        with decoder_errors("packed data"), open_unpacked(self.path) as file:
-            stored = np.asanyarray(fileslice(file, index, self.shape, self.dtype, self.start, order="F"))
-        return _scale(stored.T, *self.scaling)
+        count = math.prod(size for size, at in zip(shape, index, strict=True) if at == slice(None))
+        room = dtype.itemsize + (scaling != _NOT_SCALED) * np.dtype(np.float32).itemsize
+        require_memory(count * room, there)
+        with decoder_errors("packed data"), open_unpacked(path) as file:
+            stored = np.asanyarray(ArrayProxy(file, (tuple(shape), dtype, start))[index])
+        return _scale(stored.T, *scaling)
 
-
-def _stated(header: Any) -> tuple[float, float]:
-    """Slope and intercept as NIfTI's header states them."""
-    return float(header["scl_slope"]), float(header["scl_inter"])
+    return read_samples
 
 
 def _scaling(slope: float | None, intercept: float | None) -> Scaling:
@@ -286,20 +293,16 @@ def _qform(header: Any) -> tuple[np.ndarray, float]:
     fourth is what they lack to length 1; where they are longer, by rounding or not, they are normed, as the format's
     library does.
     """
+    from nibabel.quaternions import quat2mat
+
     others = np.array([header[f"quatern_{letter}"] for letter in "bcd"], np.float64)
     square = float(others @ others)
-    a = math.sqrt(1 - square) if square < 1 - _HALF_TURN else 0.0
-    b, c, d = others / (math.sqrt(square) if square >= 1 - _HALF_TURN else 1.0)
-    turn = [
-        [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
-        [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
-        [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
-    ]
+    turn = quat2mat((math.sqrt(1 - square) if square < 1 - _HALF_TURN else 0.0, *others))
     steps = np.abs(np.asarray(header["pixdim"][1:4], np.float64))
     # pixdim[0] is -1 where the third axis is mirrored; 0 counts as 1
     steps[2] *= -1.0 if header["pixdim"][0] < 0 else 1.0
     matrix = np.eye(4)
-    matrix[:3, :3] = np.array(turn) * steps
+    matrix[:3, :3] = turn * steps
     matrix[:3, 3] = [header[f"qoffset_{axis}"] for axis in "xyz"]
     return matrix, math.sqrt(square)
 
@@ -307,20 +310,20 @@ def _qform(header: Any) -> tuple[np.ndarray, float]:
 def _volume_of(
     header: Any, sizes: tuple[int, ...], affine: np.ndarray | None, read_samples: Read, options: LoadOptions
 ) -> Volume:
-    _check_sizes(list(sizes))
+    check_sizes(sizes)
     # time points, pixdim[4] apart
-    zooms = header.get_zooms()
+    zooms, intent = header.get_zooms(), int(header["intent_code"])
+    axis = _component_axis(sizes, intent)
     seconds = _TIMES.get(int(header["xyzt_units"]) & 56, 0.0)
     step = float(zooms[3]) * seconds if len(zooms) > 3 else 0.0
-    count = sizes[3] if len(sizes) > 3 and _component_axis(sizes, int(header["intent_code"])) != 3 else 1
-    extra = [axis for axis in range(4, len(sizes)) if sizes[axis] > 1]
-    if len(extra) == 1 and extra[0] != _component_axis(sizes, int(header["intent_code"])) and options.array is None:
+    count = sizes[3] if len(sizes) > 3 and axis != 3 else 1
+    extra = [n for n in range(4, len(sizes)) if sizes[n] > 1 and n != axis]
+    if len(extra) == 1 and options.array is None:
         # numbers along a fifth axis are components, whatever the intent
         options = replace(options, array=options.channel, channel=None)
     times = ChannelSet(times=count, components=4, step=step if 0 < step < float("inf") else None)
 
     def read_volume(_: int | None) -> Volume:
-        axis = _component_axis(sizes, int(header["intent_code"]))
         index, notes = _index(sizes, options, axis)
         samples, color, vectors, told = _interpret(read_samples(index), axis is not None, options)
         notes = (*notes, *told)
@@ -333,7 +336,7 @@ def _volume_of(
         return volume_on_grid(samples, affine[:3, :3], affine[:3, 3], "affine", frame="RAS", notes=notes, **more)
 
     volume = times.volume(options, read_volume)
-    if int(header["intent_code"]) != _LABELS:
+    if intent != _LABELS:
         return volume
     rounded = volume.rounded()
     note = "fractions are drawn as amounts, though the file's intent is labels"
@@ -382,21 +385,7 @@ def _index(sizes: tuple[int, ...], options: LoadOptions, whole: int | None) -> t
     return options.index(sizes, picked), notes
 
 
-def _check_bytes(stored: _Stored) -> None:
-    _check(list(stored.shape), stored.dtype, more=True)
-    if stored.start < 0:
-        raise expected("vox_offset", "a place in the file", stored.start, "the header is damaged")
-    needed, there = stored.start + byte_count(stored.shape, stored.dtype), stored.path.stat().st_size
-    if stored.packed:
-        with stored.path.open("rb") as file:
-            require_plausible(needed, there, bounded=file.read(len(GZIP)) == GZIP)
-    else:
-        require_bytes(needed, there)
-
-
 def _scale(stored: np.ndarray, slope: float, intercept: float) -> np.ndarray:
-    if stored.dtype.kind not in "buifc" and not _is_color_type(stored.dtype):
-        raise expected("samples", "numbers or colours", stored.dtype, "convert it to one number per voxel")
     if (slope, intercept) == _NOT_SCALED or stored.dtype.kind == "V":
         return stored
     # plane by plane, to avoid a float64 copy of the whole
