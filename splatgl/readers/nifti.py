@@ -207,8 +207,9 @@ def volume_of_image(image: Any, options: LoadOptions) -> Volume:
         return _scale(np.asanyarray(data.get_unscaled() if is_stored else data)[index].T, *scaling)
 
     file = getattr(data, "file_like", None)
-    is_path = isinstance(file, str | Path)
-    read_samples = _open_samples(Path(file), sizes, data.dtype, int(data.offset), scaling) if is_path else read_whole
+    read_samples: Read = read_whole
+    if isinstance(file, str | Path):
+        read_samples = _open_samples(Path(file), sizes, data.dtype, int(data.offset), scaling)
     return _volume_of(image.header, sizes, image.affine if codes else None, read_samples, options)
 
 
