@@ -23,6 +23,7 @@ import numpy as np
 from splatgl.data.arrays import Key, Transposed
 from splatgl.errors import InputError, expected
 from splatgl.fileio import ALWAYS, PROCESS, atomic_write, budget, byte_count, format_bytes, held_within_budget
+from splatgl.readers.channels import magnitudes
 from splatgl.readers.common import decoder_errors
 from splatgl.readers.remote import cache_folder
 
@@ -318,8 +319,7 @@ class Magnitude:
 
     def values(self, stored: np.ndarray) -> np.ndarray:
         """Magnitudes, float32."""
-        parts = (stored["real"], stored["imag"]) if stored.dtype.names else (stored.real, stored.imag)
-        return np.hypot(*(part.astype(np.float64) for part in parts)).astype(np.float32)
+        return magnitudes(stored)
 
 
 AnyPacking = Packing | Magnitude
