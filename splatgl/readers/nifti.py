@@ -66,8 +66,9 @@ def read_analyze(path: Path, options: LoadOptions) -> Volume:
     # 2. its sizes, checked against the data; SPM's scale factor and origin, without its .mat file
     with decoder_errors("Analyze"):
         fields = nibabel.spm2analyze.Spm2AnalyzeHeader(first[:_HEADER])
-        shape, scaling, affine = _shape(fields), _scaling(*fields.get_slope_inter()), fields.get_best_affine()
-    read_samples = _open_samples(data, shape, fields.get_data_dtype(), int(fields.get_data_offset()), scaling)
+        shape, start = _shape(fields), int(fields.get_data_offset())
+        scaling, affine = _scaling(*fields.get_slope_inter()), fields.get_best_affine()
+    read_samples = _open_samples(data, shape, fields.get_data_dtype(), start, scaling)
     options.refuse("channel", "several numbers per voxel")
 
     def read_time(time: int) -> np.ndarray:

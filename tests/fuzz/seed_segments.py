@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tests.fuzz.seed_dicom import image, save
+from tests.fuzz.seed_files import CUBE, Seed, written
 
 SEG, STRUCTURES = "1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.481.3"
 # 7 rows and columns: frames of 49 bits do not end at bytes
@@ -101,3 +103,24 @@ def structures(path: Path, contours: Sequence[tuple[int, str, np.ndarray]]) -> P
 def circle(radius: float, z: float, middle: tuple[float, float] = (40.0, 36.0)) -> np.ndarray:
     angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)
     return np.stack([middle[0] + radius * np.cos(angles), middle[1] + radius * np.sin(angles), np.full(72, z)], -1)
+
+
+def dicom_segments() -> list[Seed]:
+    """Seeds of segmentations of each kind, and of contours."""
+    kinds = [partial(segmentation, of=masks(kind != "LABELMAP"), kind=kind) for kind in ("BINARY", "FRACTIONAL")]
+    kinds.append(partial(segmentation, of=masks(overlap=False), kind="LABELMAP"))
+    contours = [(n, "CLOSED_PLANAR", circle(6, z)) for n in (1, 2) for z in (0.0, 3.0, 6.0)]
+    return [written("a.dcm", save_one) for save_one in (*kinds, partial(structures, contours=contours))]
+
+
+def dicom_words() -> list[Seed]:
+    """Seeds of frames in big-endian words, of pixels that share their chroma, and of bits at the top of others."""
+    from pydicom.uid import ExplicitVRBigEndian
+
+    words = image(CUBE)
+    words.file_meta.TransferSyntaxUID = ExplicitVRBigEndian
+    words["PixelData"].VR = "OW"
+    shared = image(CUBE[:, :6, :8], SamplesPerPixel=3, PhotometricInterpretation="YBR_FULL_422", PlanarConfiguration=0)
+    shared.PixelData = np.repeat(CUBE[:, :6, :8], 2, axis=-1).tobytes()
+    top = image(CUBE.astype(np.uint16) << 8, BitsStored=12, HighBit=15, RescaleSlope="0.5")
+    return [written("a.dcm", partial(save, data)) for data in (words, shared, top)]

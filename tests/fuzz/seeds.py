@@ -43,6 +43,7 @@ from tests.fuzz.seed_libraries import (
 )
 from tests.fuzz.seed_neuro import afni, minc1, minc2, nrrd_list, parrec, vtk_bits
 from tests.fuzz.seed_pictures import lsm, slices, tiff_codecs, tiff_xr, zarr_zip
+from tests.fuzz.seed_segments import dicom_segments, dicom_words
 
 # --- NumPy, raw -------------------------------------------------------------------------------------------------------
 
@@ -349,6 +350,8 @@ _ALL: dict[str, Callable[[], list[Seed]]] = {
     "zarr-3": partial(zarr_store, 3),
     "dicom": partial(dicom, False),
     "dicom-packed": partial(dicom, True),
+    "dicom-segments": dicom_segments,
+    "dicom-words": dicom_words,
     "hdf5": hdf5,
     "hdf5-old": hdf5_old,
     "hdf5-layouts": hdf5_layouts,

@@ -141,3 +141,14 @@ def test_mgh_without_an_orientation(good: int, tmp_path: Path) -> None:
     np.testing.assert_allclose(volume.world_from_index, affine[:3, :3], atol=1e-6)
     assert any("goodRASFlag 0" in note for note in volume.notes) == (good == 0)
     assert volume.spacing == ((2, 2, 3) if good else (1, 1, 1))
+
+
+def test_an_offset_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    """Analyze's header states it in floating point."""
+    nibabel = pytest.importorskip("nibabel")
+    nibabel.save(nibabel.AnalyzeImage(np.zeros((3, 4, 5), np.int16), np.eye(4)), tmp_path / "a.img")
+    raw = bytearray((tmp_path / "a.hdr").read_bytes())
+    struct.pack_into("<f", raw, 108, NAN)
+    (tmp_path / "a.hdr").write_bytes(raw)
+    with pytest.raises(InputError, match=r"a\.img: cannot be read as Analyze: cannot convert float NaN to integer"):
+        load(tmp_path / "a.img")
