@@ -384,7 +384,7 @@ def frame_bytes(header: Header) -> int:
 
 def find_decoder(syntax: str) -> Any:
     """pydicom's decoder. Raises InputError if there is none, or if its library is not installed."""
-    from pydicom.pixels.decoders.base import get_decoder
+    from pydicom.pixels import get_decoder
 
     with dicom_errors():
         try:
@@ -434,7 +434,7 @@ def decode_frames(
 def _decode(file: Bounded, header: Header, numbers: Sequence[int], tags: Any) -> Iterator[np.ndarray]:
     """Values of frames, whose numbers ascend; the sizes that a compressed frame's header states are checked first."""
     from pydicom.encaps import encapsulate, generate_frames
-    from pydicom.pixels.utils import as_pixel_options
+    from pydicom.pixels import as_pixel_options
 
     decoder = find_decoder(header.syntax)
     shift = header.shift if decoder.is_native and header.stored[0] + header.shift <= header.allocated else 0
@@ -475,7 +475,7 @@ def check_picture(stated: tuple[tuple[int, ...], int], rows: int, columns: int, 
 def _to_rgb(array: np.ndarray, header: Header, tags: Any) -> np.ndarray:
     """RGB, uint8 [H, W, 3]."""
     if header.photometric == PALETTE:
-        from pydicom.pixels.processing import apply_color_lut
+        from pydicom.pixels import apply_color_lut
 
         array = apply_color_lut(array, tags)[..., :3]
     if array.dtype.itemsize > 1:

@@ -66,9 +66,9 @@ def read_analyze(path: Path, options: LoadOptions) -> Volume:
     # 2. its sizes, checked against the data; SPM's scale factor and origin, without its .mat file
     with decoder_errors("Analyze"):
         fields = nibabel.spm2analyze.Spm2AnalyzeHeader(first[:_HEADER])
-        shape, start = _shape(fields), int(fields.get_data_offset())
+        shape, dtype, start = _shape(fields), fields.get_data_dtype(), int(fields.get_data_offset())
         scaling, affine = _scaling(*fields.get_slope_inter()), fields.get_best_affine()
-    read_samples = _open_samples(data, shape, fields.get_data_dtype(), start, scaling)
+    read_samples = _open_samples(data, shape, dtype, start, scaling)
     options.refuse("channel", "several numbers per voxel")
 
     def read_time(time: int) -> np.ndarray:
@@ -183,9 +183,9 @@ def _read_nifti(first: bytes, data: Path, options: LoadOptions) -> Volume:
     form = getattr(module, f"Nifti{1 + is_nifti2}{'Pair' * is_pair}Header")
     with decoder_errors("NIfTI"):
         header = form(first[: form.sizeof_hdr])
-        shape, start = _shape(header), int(header.get_data_offset())
+        shape, dtype, start = _shape(header), header.get_data_dtype(), int(header.get_data_offset())
     scaling = _scaling(float(header["scl_slope"]), float(header["scl_inter"]))
-    read_samples = _open_samples(data, shape, header.get_data_dtype(), start, scaling)
+    read_samples = _open_samples(data, shape, dtype, start, scaling)
     affine, notes = _affine(header)
     volume = _volume_of(header, shape, affine, read_samples, options)
     return replace(volume, notes=(*notes, *volume.notes))
