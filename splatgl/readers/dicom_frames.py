@@ -433,7 +433,7 @@ def decode_frames(
 
 def _decode(file: Bounded, header: Header, numbers: Sequence[int], tags: Any) -> Iterator[np.ndarray]:
     """Values of frames, whose numbers ascend; the sizes that a compressed frame's header states are checked first."""
-    from pydicom.encaps import encapsulate, generate_frames
+    from pydicom.encaps import encapsulate, generate_frames, parse_basic_offsets, parse_fragments
     from pydicom.pixels import as_pixel_options
 
     decoder = find_decoder(header.syntax)
@@ -450,6 +450,12 @@ def _decode(file: Bounded, header: Header, numbers: Sequence[int], tags: Any) ->
             array = decoder.as_array(file, index=number, **options)[0]
             yield array >> shift if shift else array
         return
+    # what decoders make of the part of a picture is no error
+    parse_basic_offsets(file)
+    for place in parse_fragments(file)[1][-1:]:
+        file.seek(place + 4)
+        require_bytes(place + 8 + int.from_bytes(file.read(4), "little"), file.size, "pixels")
+    file.seek(header.offset)
     stored = generate_frames(file, number_of_frames=header.frames)
     for number, before in zip(numbers, (-1, *numbers), strict=False):
         data = next(islice(stored, number - before - 1, None), b"")

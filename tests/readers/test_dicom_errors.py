@@ -391,3 +391,14 @@ def test_nothing_that_identifies_a_patient_is_shown(tmp_path: Path) -> None:
         assert not any(word in told for word in (MARK, "19670507", "20260712", "998877", "Warning"))
     picture = (tmp_path / "a.png").read_bytes()
     assert b"ct" in picture and not any(word in picture for word in (b"MARKER", b"19670507", b"998877"))
+
+
+@pytest.mark.parametrize("codec", ["rle", "j2k", "jpeg"])
+def test_a_compressed_picture_that_is_cut_is_refused(tmp_path: Path, codec: str) -> None:
+    """Decoders fill the rest of it without an error."""
+    pytest.importorskip("libjpeg" if codec == "jpeg" else "openjpeg", reason="reads it; it is in the extra dicom")
+    plane = np.random.default_rng(2).integers(0, 255, (40, 48)).astype(np.uint8)
+    save(packed_image(plane, codec), tmp_path / "a.dcm")
+    (tmp_path / "a.dcm").write_bytes((tmp_path / "a.dcm").read_bytes()[:-40])
+    with pytest.raises(InputError, match=r"pixels: expected \d+ bytes, got \d+ bytes; the file is cut short"):
+        sg.load(tmp_path / "a.dcm")
