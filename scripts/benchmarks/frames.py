@@ -3,7 +3,7 @@
     .venv/bin/python scripts/benchmarks/frames.py [--data FOLDER] [--rounds N] [--only WORD] [--csv FILE] [--curves]
 
 "0.1" draws splats as `--like 0.1` does; the lower bound draws as many points of the same size into the same target with
-shaders that compute nothing. "one sample" is the default with one sample a pixel. VTK (extra `bench`) casts rays at
+shaders that compute nothing. "one sample" is the default with one sample a pixel. VTK (extra `vtk`) casts rays at
 half-voxel steps through the same volume, with the same camera, opacities and pixels. Variants are interleaved in random
 order; times are wall clock around a finished frame with its pixels read back. Compare ratios.
 
@@ -159,7 +159,7 @@ def ways(renderer: sg.Renderer, chosen: Case, camera: sg.Camera) -> tuple[dict[s
         "one sample": draw(splats, own.but(antialias="supersample", samples=1)),
     }
     if chosen.peers and importlib.util.find_spec("vtk") is None:
-        print("VTK left out: not installed (pip install splatgl[bench])")
+        print("VTK left out: not installed (pip install splatgl[vtk])")
     elif chosen.peers:
         twice = own.but(antialias="supersample", samples=2)
         for name, mapper, asked in (("VTK CPU", "cpu", own), ("VTK CPU 2×2", "cpu", twice), ("VTK OpenGL", "gpu", own)):

@@ -6,7 +6,7 @@
 Volumes of three kinds: a solid ball, which fills half of the box; the ball's surface, a few voxels thick; and twelve
 wound threads of 3 voxels. Times against voxels are of 512² pixels, those against pixels of 256³ voxels: wall clock
 around a finished frame, its pixels read back, medians, variants interleaved in random order, without extraction. VTK
-(extra `bench`) casts rays at half-voxel steps; its mapper for graphics cards draws by the same OpenGL driver.
+(extra `vtk`) casts rays at half-voxel steps; its mapper for graphics cards draws by the same OpenGL driver.
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ def side_by_side(target: Path, *names: str) -> None:
     if missing := [file for file, *_ in chosen.values() if not (Path(folder) / file).exists()]:
         sys.exit(f"{folder}: expected the volumes, {', '.join(missing)} missing")
     if not find_spec("vtk"):
-        print("VTK left out: not installed (pip install splatgl[bench])")
+        print("VTK left out: not installed (pip install splatgl[vtk])")
     side = LARGE if len(chosen) == 1 else SIDE
     subjects, fields, rows = {}, {}, []
     with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool, sg.Renderer() as renderer:

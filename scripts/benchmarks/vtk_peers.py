@@ -44,7 +44,7 @@ class Peer:
     def __init__(self, mapper: str, content: tuple[Volume, Transfer], camera: Camera, settings: Settings) -> None:
         """mapper: of MAPPERS. Raises InputError if VTK is not installed or the scene cannot be converted."""
         if find_spec("vtk") is None:
-            raise missing_extra("peers", "vtk", "bench")
+            raise missing_extra("peers", "vtk", "vtk")
         volume, transfer = content
         _check(volume, transfer, camera, settings)
         shaded = transfer.shading if settings.shading == "auto" else settings.shading == "on"

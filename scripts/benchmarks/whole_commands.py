@@ -3,7 +3,7 @@
     .venv/bin/python scripts/benchmarks/whole_commands.py [--data FOLDER] [--rounds N] [--size N] [--more] [--csv FILE]
 
 Both start Python, read the file with their own reader, classify by the same opacities and colours, draw from the same
-place and write a PNG; VTK (extra `bench`) by its ray caster for the CPU, at half-voxel steps. Without VTK its rows are
+place and write a PNG; VTK (extra `vtk`) by its ray caster for the CPU, at half-voxel steps. Without VTK its rows are
 left out. Commands take turns, after one that fills the caches of Python and of the driver. Processor seconds are those
 of all threads, which other programs hardly change; wall seconds are the least. Errors are RMSE of the PNG's linear
 colours on the default background from the field of the values, in 256 pixels of 4×4 rays each.

@@ -22,6 +22,8 @@ from splatgl.cli.parser import BAD_INPUT, NEGATIVE, HelpAll, Parser, one_line
 from splatgl.errors import NOT_NEEDED, InputError, expected
 from splatgl.fileio import within
 
+# what to cite: the method; .github/CITATION.cff has it and the software for reference managers
+CITATION = "after Mueller et al., Splatting Errors and Antialiasing, IEEE TVCG 4(2):178-191, 1998"
 # exit code of a program that a signal ends, less the signal's number: 130 for Ctrl-C
 SIGNALLED = 128
 
@@ -244,7 +246,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         description="Volume rendering by texture splats in OpenGL.",
         epilog="splatgl COMMAND --help lists the options of a command.",
     )
-    parser.add_argument("--version", action="version", version=f"splatgl {__version__}")
+    parser.add_argument("--version", action="version", version=f"splatgl {__version__} ({CITATION})")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, prog="splatgl")
     for name, row in COMMANDS.items():
         usage = f"splatgl {name} [options] {row.operands}".rstrip()

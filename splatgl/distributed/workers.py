@@ -15,6 +15,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.coercion import public
@@ -195,7 +196,8 @@ def connected(
         else:
             client = stack.enter_context(_client(scheduler))
             check_workers(client, scheduler)
-        if tell and client.dashboard_link:
+        # without bokeh the page only says that it is missing
+        if tell and client.dashboard_link and find_spec("bokeh"):
             tell(f"dashboard: {client.dashboard_link}")
         yield client
 

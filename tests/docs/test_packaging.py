@@ -71,7 +71,7 @@ def test_the_readme_installs_it(tmp_path: Path) -> None:
     assert Path(found.stdout.strip()).is_relative_to(tmp_path)
 
 
-@pytest.mark.parametrize("address", ["", "https://example.org/splatgl"])
+@pytest.mark.parametrize("address", ["", "https://example.org/splatgl/blob/main"])
 def test_links_of_the_long_description(tmp_path: Path, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """An index shows the README alone: its links to files are absolute, or text where no address is known."""
     monkeypatch.setenv("SPLATGL_ADDRESS", address)
@@ -81,6 +81,10 @@ def test_links_of_the_long_description(tmp_path: Path, address: str, monkeypatch
     assert ("Three commands" in text) and (len(links) > 10) == bool(address)
     assert all(link.startswith("https://") for link in links)
     assert not address or ("![a skull in CT" in text and f"({address}/splatgl/docs/pictures/front.png)" in text)
+    urls = dict(re.findall(r"(?m)^Project-URL: (\w+), (\S+)$", text))
+    assert bool(urls) == bool(address) and urls.get("Repository", "https://example.org/splatgl").endswith("org/splatgl")
+    files = [url.removeprefix(address + "/") for name, url in urls.items() if name != "Repository"]
+    assert all((ROOT / file).is_file() for file in files), files
 
 
 def test_core_is_six_packages() -> None:
@@ -106,6 +110,19 @@ def test_the_recipe_is_that_of_the_package() -> None:
 
 def test_the_citation_has_the_version() -> None:
     assert f"\nversion: {sg.__version__}\n" in (ROOT / ".github" / "CITATION.cff").read_text(encoding="utf-8")
+
+
+def test_workflows_follow_the_package() -> None:
+    """The first and the last Python of the classifiers on Linux, Windows and macOS, and folders that exist."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    pythons = [line.rpartition(" ")[2] for line in project["classifiers"] if re.search(r"Python :: 3\.\d", line)]
+    text = (ROOT / ".github" / "workflows" / "test.yml").read_text(encoding="utf-8")
+    assert text.count(f'python: ["{pythons[0]}", "{pythons[-1]}"]\n') == 2 and "- run: scripts/test\n" in text
+    assert project["requires-python"] == f">={pythons[0]}" and all(
+        name in text for name in ("ubuntu", "windows", "macos")
+    )
+    folders = re.findall(r"tests/\w+", text)
+    assert folders and all((ROOT / folder).is_dir() for folder in folders)
 
 
 def test_the_image_has_what_the_set_up_installs() -> None:

@@ -170,7 +170,7 @@ def test_commands_have_the_options_they_use(command: str) -> None:
 def test_inline_commands_have_the_options_they_use(path: Path) -> None:
     """`splatgl report` stands for the command; with more behind it, it is one to be typed."""
     for code in inline(path):
-        if code.startswith("splatgl "):
+        if code.startswith("splatgl ") and code != "splatgl --version":
             arguments = arguments_of(code)
             assert arguments[0] in COMMANDS, code
             if len(arguments) > 1 and arguments[1] not in ("--help", "--help-all", "--list-bindings"):
@@ -519,7 +519,7 @@ def known_options() -> frozenset[str]:
     """Options of all commands, of the pytest plugin, and of scripts."""
     known = set(re.findall(r'"(--splatgl[\w-]+)"', (ROOT / "splatgl" / "comparison" / "pytest_plugin.py").read_text()))
     scripts = "".join((ROOT / "scripts" / name).read_text() for name in ("test", "release"))
-    known |= set(re.findall(r"(--all|--rehearsal)\b", scripts)) | {"--help"}
+    known |= set(re.findall(r"(--all|--rehearsal)\b", scripts)) | {"--help", "--version"}
     for script in ("scripts/gpu_check.py", "scripts/paper/__main__.py", "tests/stress/__main__.py"):
         known |= set(re.findall(r'"(--[a-z]+)"', (ROOT / script).read_text()))
     for name in COMMANDS:

@@ -247,7 +247,7 @@ def test_time_points_of_nrrd(tmp_path: Path) -> None:
 
 def vtk_grid(kind: str, cells: bool, steps: tuple[float, ...] = SPACING) -> Any:
     """VTK's own image or rectilinear grid of the phantom, from index (2, 3, 4) on."""
-    vtk = pytest.importorskip("vtk", reason="the extra bench writes the files")
+    vtk = pytest.importorskip("vtk", reason="the extra vtk writes the files")
     from vtk.util.numpy_support import numpy_to_vtk
 
     sizes = np.array(F.shape[::-1]) + cells
