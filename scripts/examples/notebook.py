@@ -16,6 +16,6 @@ view
 image = sg.render(array, points=[(0.2, 0), (0.8, 0.2)], colormap="viridis", size=(320, 240), background="white")
 image
 
-# %% pixels for other libraries, and a file
-pixels = np.asarray(image)
+# %% samples as shown for other libraries, linear light for sums, and a file
+samples, light = image.srgb, image.pixels
 image.save("out.png")

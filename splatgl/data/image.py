@@ -405,9 +405,16 @@ class Image:
         """uint8 [H, W, 4], sRGB with straight alpha, as `save` writes them."""
         return self._samples(dict(self.info), 8, self.ground if background is None else background)
 
+    @property
+    def srgb(self) -> np.ndarray:
+        """uint8 [H, W, 4], sRGB with straight alpha, as files and screens have it; `pixels` are linear light."""
+        return self.samples8()
+
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        """The pixels, for `np.asarray(image)`."""
-        return np.array(self.pixels, dtype, copy=copy)
+        """The array `srgb`, so that `plt.imshow(image)` and `np.asarray(image)` show what a file shows."""
+        if copy is False:
+            raise ValueError("image: samples of sRGB are made when they are asked for: a copy")
+        return np.asarray(self.srgb, dtype)
 
     def __repr__(self) -> str:
         """One line: size, source and blend mode."""

@@ -377,6 +377,32 @@ class Volume:
 
         return image_data(self)
 
+    def to_xarray(self) -> Any:
+        """A DataArray [z, y, x], or [channel, z, y, x], with coordinates, unit and name; samples that are read in parts
+        stay on disk. Raises InputError for a turned grid.
+        """
+        from splatgl.integrations.exchange import to_xarray
+
+        return to_xarray(self)
+
+    def to_dask(self) -> Any:
+        """A Dask array [z, y, x] of the samples, of which nothing is read yet."""
+        from splatgl.integrations.exchange import to_dask
+
+        return to_dask(self)
+
+    def to_simpleitk(self) -> Any:
+        """An image of SimpleITK in LPS and millimetres, of the first channel. Raises InputError for a sheared grid."""
+        from splatgl.integrations.exchange import to_simpleitk
+
+        return to_simpleitk(self)
+
+    def to_nibabel(self) -> Any:
+        """A NIfTI image of nibabel in RAS and millimetres, of the first channel."""
+        from splatgl.integrations.exchange import to_nibabel
+
+        return to_nibabel(self)
+
     def __repr__(self) -> str:
         """One line of what `facts` lists."""
         (_, size), *more = self.facts

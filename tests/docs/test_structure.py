@@ -77,6 +77,7 @@ LOADS = {
     "cli/doctor.py": "headers, and scenes to try a renderer",
     "distributed/render.py": "parts of a volume on workers",
     "gl/large_volumes.py": "parts of a volume, one after the other",
+    "integrations/exchange.py": "frames that other libraries fix",
     "integrations/napari/reader.py": "layers of napari, which it places",
     "integrations/vtk/scene.py": "masks of a plotter's volumes",
     "report/sweep.py": "splats of coarser voxels",
@@ -91,6 +92,7 @@ SHORT_FILES = {
     "cli/animate.py": "cli/main.py: COMMANDS",
     "cli/info.py": "cli/main.py: COMMANDS",
     "distributed/worker_preload.py": "Dask's option preload",
+    "integrations/xarray.py": "an import that adds the accessor",
 }
 MAX_FUNCTION_LINES, MAX_PARAMETERS = 60, 7
 
