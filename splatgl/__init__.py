@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from splatgl.distributed.render import over as over
     from splatgl.distributed.render import render_slabs as render_slabs
     from splatgl.errors import InputError as InputError
+    from splatgl.errors import InputWarning as InputWarning
     from splatgl.geometry.camera import Camera as Camera
     from splatgl.geometry.scissors import Scissors as Scissors
     from splatgl.geometry.slices import Slice as Slice
@@ -78,6 +79,7 @@ _PUBLIC = {
     "Camera": "splatgl.geometry.camera",
     "Image": "splatgl.data.image",
     "InputError": "splatgl.errors",
+    "InputWarning": "splatgl.errors",
     "Interrupted": "splatgl.gl.target",
     "PiecewiseCubic": "splatgl.splat.kernels",
     "Mesh": "splatgl.data.mesh",

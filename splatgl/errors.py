@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
@@ -11,6 +12,19 @@ from typing import Any
 
 class InputError(ValueError):
     """Bad input. The message is one line; the command line prints it and exits with code 2."""
+
+
+class InputWarning(UserWarning):
+    """What a file does not say, or a reader leaves out or assumes, in one line; the command line prints it."""
+
+
+def warn(notes: Iterable[str], of: object) -> None:
+    """Warns of notes on a file, at the line outside of splatgl that asked for it."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == "splatgl":
+        level, frame = level + 1, frame.f_back
+    for note in notes:
+        warnings.warn(f"{of}: {note}", InputWarning, level)
 
 
 class Choice(InputError):

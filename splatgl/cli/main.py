@@ -11,6 +11,7 @@ import os
 import shlex
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from importlib import import_module
@@ -19,7 +20,7 @@ from typing import NamedTuple, NoReturn, TextIO
 
 from splatgl import __version__
 from splatgl.cli.parser import BAD_INPUT, NEGATIVE, HelpAll, Parser, one_line
-from splatgl.errors import NOT_NEEDED, InputError, expected
+from splatgl.errors import NOT_NEEDED, InputError, InputWarning, expected
 from splatgl.fileio import within
 
 # what to cite: the method; .github/CITATION.cff has it and the software for reference managers
@@ -45,7 +46,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         # names of files, × and … in any encoding
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    with redirect_stdout(Output(sys.stdout)) as output, redirect_stderr(Output(sys.stderr)) as errors:
+    streams = redirect_stdout(Output(sys.stdout)), redirect_stderr(Output(sys.stderr))
+    with streams[0] as output, streams[1] as errors, warnings.catch_warnings():
+        # commands print notes on files by themselves
+        warnings.simplefilter("ignore", InputWarning)
         try:
             code = _run(arguments)
         except SystemExit as stop:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.coercion import public
 from splatgl.data.volume import Label, Volume
-from splatgl.errors import Choice, InputError, error_prefix, expected
+from splatgl.errors import Choice, InputError, error_prefix, expected, warn
 from splatgl.fileio import decode_text, require_existing
 from splatgl.options import keywords_of, refuse_unknown, with_keywords
 from splatgl.readers.common import silence_libraries
@@ -43,8 +43,9 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: Unpack[L
 
     path: see `FORMATS` for the endings; an address without ending is a Zarr store, whose chunks are read when needed.
     A 2-D picture or CSV becomes a terrain. FILE.h5:/NAME stands for array="/NAME". Further keywords are fields of
-    `LoadOptions`. Samples are memory-mapped where possible; the name is the file's stem. Raises InputError, which
-    begins with the path, for a file or an option that makes no volume.
+    `LoadOptions`. Samples are memory-mapped where possible; the name is the file's stem. Warns (InputWarning) of what
+    the file does not say or the reader leaves out: the volume's `notes`. Raises InputError, which begins with the path,
+    for a file or an option that makes no volume.
 
     ```python
     volume = sg.load("neuron.tif", spacing=(0.5, 0.5, 2.0))
@@ -63,13 +64,15 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: Unpack[L
             if isinstance(load_options.time, str):
                 first = load(str(path), replace(load_options, time=None))
                 load_options = replace(load_options, time=first.time_number(load_options.time))
-            return _load_remote(str(path), load_options) if is_address(path) else _load(Path(path), load_options)
+            volume = _load_remote(str(path), load_options) if is_address(path) else _load(Path(path), load_options)
     except InputError as error:
         raise _with_path(path, error) from error.__cause__
     except OSError as error:
         raise _with_path(path, InputError(f"cannot be read: {error.strerror or error}")) from error
     except MemoryError as error:
         raise _with_path(path, InputError("needs more memory than available; use a smaller volume")) from error
+    warn(volume.notes, path)
+    return volume
 
 
 def require_source(source: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import time
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from importlib.util import find_spec
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.coercion import public
 from splatgl.data.image import Image
-from splatgl.errors import InputError
+from splatgl.errors import InputError, InputWarning
 from splatgl.fileio import within
 from splatgl.opengl import OpenGL
 from splatgl.options import OptionGroup
@@ -63,7 +64,8 @@ def show(
         if in_notebook():
             print('for a view that the mouse turns: pip install "splatgl[notebook]"')
         elif has_display():
-            with within(memory):
+            # the window prints notes on files, as it reads them
+            with within(memory), warnings.catch_warnings(action="ignore", category=InputWarning):
                 _window(scene, "size" in given or view is not None)
             return None
     image = picture(scene, memory)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import gzip
 import sys
 import tracemalloc
+import warnings
 import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import splatgl as sg
+from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.readers import load
 from tests.helpers.phantom import F
@@ -243,3 +246,21 @@ def test_missing_library_names_the_extra(
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(InputError, match=r"pip install 'splatgl\[readers\]'"):
         load(tmp_path / name)
+
+
+def test_notes_of_files_are_warnings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """At the line that reads or draws the file; commands print them once instead."""
+    path = tmp_path / "a.nrrd"
+    header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 4 4\nencoding: raw\nendian: little\n"
+    path.write_bytes(header.encode() + b"spacings: 1 1 nan\n\n" + bytes(range(64)))
+    for read in (sg.load, lambda path: sg.render(path, size=16)):
+        with pytest.warns(sg.InputWarning) as caught:
+            read(path)
+        lines = [str(warning.message) for warning in caught]
+        assert caught[0].filename == __file__ and [line.startswith(f"{path}: ") for line in lines] == [True] * len(
+            lines
+        )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert main(["info", str(path)]) == 0
+    assert capsys.readouterr().err.count(lines[0].removeprefix(f"{path}: ")) == 1
