@@ -20,7 +20,7 @@ from typing import NamedTuple, NoReturn, TextIO
 
 from splatgl import __version__
 from splatgl.cli.parser import BAD_INPUT, NEGATIVE, HelpAll, Parser, one_line
-from splatgl.errors import NOT_NEEDED, InputError, InputWarning, expected
+from splatgl.errors import NOT_NEEDED, InputError, InputWarning, expected, import_extra
 from splatgl.fileio import within
 
 # what to cite: the method; .github/CITATION.cff has it and the software for reference managers
@@ -149,6 +149,8 @@ def _occupy_descriptors() -> None:
 def _run(arguments: list[str]) -> int:
     args = command = None
     try:
+        if "_ARGCOMPLETE" in os.environ:
+            _complete()
         arguments = _with_command(arguments)
         parser = _parser(arguments)
         command = _command_of(parser, *arguments[:1])
@@ -168,6 +170,12 @@ def _run(arguments: list[str]) -> int:
     except KeyboardInterrupt as error:
         _tell(error, "interrupted")
         return SIGNALLED + (error.args[0] if error.args else signal.SIGINT)
+
+
+def _complete() -> None:
+    """Completes the words of a shell's line by argcomplete, which ends the process; imports only the line's command."""
+    completion = import_extra("argcomplete", "completion", "argcomplete", "completion")
+    completion.autocomplete(_parser(os.environ.get("COMP_LINE", "").split()[1:2]), always_complete_options="long")
 
 
 def _tell(error: BaseException, message: str) -> int:

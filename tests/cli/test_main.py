@@ -445,3 +445,20 @@ def test_a_missing_second_source_is_named_before_the_output(
     assert main([command, "noise.npy", "nosuch.npy", "-o", "x.gif"]) == 2
     assert said(capsys).startswith("splatgl: nosuch.npy: ")
     assert sorted(path.name for path in here.iterdir()) == ["noise.npy"]
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("splatgl ani", {"animate "}),
+        ("splatgl render tunnel --ble", {"--blend "}),
+        ("splatgl render tunnel --blend m", {"mip", "minip", "mean"}),
+    ],
+)
+def test_shells_complete_words(line: str, words: set[str]) -> None:
+    """Commands, options and their values; argcomplete writes them to a descriptor of the shell's."""
+    pytest.importorskip("argcomplete")
+    asked = {"COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": "\n"}
+    command = ["bash", "-c", 'exec "$0" -m splatgl 8>&1 9>/dev/null', sys.executable]
+    told = subprocess.run(command, env=os.environ | asked, capture_output=True, text=True, check=True)
+    assert set(told.stdout.split("\n")) == words
