@@ -206,7 +206,7 @@ def write(path: Path, volume: Volume, transfer: Transfer) -> list[Places]:
     """Writes the levels of a classified volume; returns their shapes (D, H, W), finest first."""
     import zarr
 
-    group = zarr.open_group(path, mode="w", zarr_format=2)
+    group = zarr.open_group(path, mode="w", zarr_format=3)
     unit = transfer.length(volume)
     grids = level_grids(volume)
     opacity, color = _arrays(group, 0, volume.shape)
@@ -219,7 +219,7 @@ def write(path: Path, volume: Volume, transfer: Transfer) -> list[Places]:
             z, y, x = (finer.scale / unit).tolist()
             _set(coarse, shade, low, high, halved(opacity[box], color[box], grid.steps, (z, y, x)))
         opacity, color = coarse, shade
-    group.attrs["multiscales"] = [describe_levels(volume, grids, [])]
+    group.attrs["ome"] = describe_levels(volume, grids, [])
     attributes: dict[str, Any] = {"color": "color", "unit": unit, "shading": transfer.shading, "frame": volume.frame}
     group.attrs["splatgl"] = {**attributes, "direction": volume.direction.tolist()}
     return [grid.shape for grid in grids]
@@ -228,7 +228,8 @@ def write(path: Path, volume: Volume, transfer: Transfer) -> list[Places]:
 def _arrays(group: Any, number: int, shape: Places) -> tuple[Any, Any]:
     """Creates the arrays of opacity and colour of a level; empty chunks are not stored."""
     chunks = (formats.CHUNK,) * 3
-    opacity = group.create_array(str(number), shape=shape, chunks=chunks, dtype="f4", fill_value=0)
+    named: dict[str, Any] = {"dimension_names": tuple("zyx"), "fill_value": 0}
+    opacity = group.create_array(str(number), shape=shape, chunks=chunks, dtype="f4", **named)
     name, all_of = f"color/{number}", (*shape, 3)
     return opacity, group.create_array(name, shape=all_of, chunks=(*chunks, 3), dtype="u1", fill_value=0)
 

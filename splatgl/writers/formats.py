@@ -281,7 +281,7 @@ def finer_box(grid: LevelGrid, finer: LevelGrid, low: Places, high: Places) -> t
 
 
 def describe_levels(volume: Volume, grids: list[LevelGrid], lead: list[dict[str, Any]]) -> dict[str, Any]:
-    """OME-Zarr's metadata of an image (0.4). lead: axes before z, y and x, with their "scale"."""
+    """OME-Zarr's metadata of an image (0.5). lead: axes before z, y and x, with their "scale"."""
     axes: list[Any] = [{name: entry for name, entry in axis.items() if name != "scale"} for axis in lead]
     unit = {"unit": UNITS[volume.unit]} if volume.unit in UNITS else {}
     axes += [{"name": name, "type": "space", **unit} for name in "zyx"]
@@ -296,14 +296,14 @@ def describe_levels(volume: Volume, grids: list[LevelGrid], lead: list[dict[str,
         }
         for number, grid in enumerate(grids)
     ]
-    return {"version": "0.4", "name": volume.name, "axes": axes, "datasets": datasets}
+    return {"version": "0.5", "multiscales": [{"name": volume.name, "axes": axes, "datasets": datasets}]}
 
 
 def write_zarr(path: Path, content: Content) -> None:
-    """Writes an OME-Zarr store (0.4, Zarr 2): levels of means, of labels of the most frequent numbers."""
+    """Writes an OME-Zarr store (0.5, Zarr 3): levels of means, of labels of the most frequent numbers."""
     import zarr
 
-    group = zarr.open_group(path, mode="w", zarr_format=2)
+    group = zarr.open_group(path, mode="w", zarr_format=3)
     volume, grids = content.volume, level_grids(content.volume)
     lead: list[dict[str, Any]] = []
     if content.count > 1:
@@ -319,7 +319,7 @@ def write_zarr(path: Path, content: Content) -> None:
             chunks=(*[1] * len(sizes), *[CHUNK] * 3),
             dtype=content.dtype,
             fill_value=0,
-            chunk_key_encoding={"name": "v2", "separator": "/"},
+            dimension_names=[*(axis["name"] for axis in lead), *"zyx"],
         )
         for number, grid in enumerate(grids)
     ]
@@ -340,9 +340,8 @@ def write_zarr(path: Path, content: Content) -> None:
 
 
 def _attributes(content: Content, image: dict[str, Any]) -> dict[str, Any]:
-    """Metadata of a store: the image, its channels and labels; an orientation, which OME-Zarr lacks, for splatgl."""
-    volume = content.volume
-    attributes: dict[str, Any] = {"multiscales": [image]}
+    """Attributes of a store: OME's image, its channels and labels; for splatgl an orientation, which OME lacks."""
+    volume, told = content.volume, dict(image)
     if len(volume.channels) > 1:
         rows = []
         for channel in volume.channels:
@@ -352,12 +351,11 @@ def _attributes(content: Content, image: dict[str, Any]) -> dict[str, Any]:
             if window:
                 row["window"] = {"start": window[0], "end": window[1], "min": window[0], "max": window[1]}
             rows.append(row)
-        attributes["omero"] = {"version": "0.4", "name": volume.name, "channels": rows}
+        told["omero"] = {"name": volume.name, "channels": rows}
     if volume.labels is not None:
         colors = zip(volume.labels, label_colors(volume.labels), strict=True)
         alpha = {label.number: round(255 * label.opacity) for label in volume.labels}
-        attributes["image-label"] = {
-            "version": "0.4",
+        told["image-label"] = {
             "colors": [
                 {
                     "label-value": label.number,
@@ -367,6 +365,7 @@ def _attributes(content: Content, image: dict[str, Any]) -> dict[str, Any]:
             ],
             "properties": [{"label-value": label.number, "name": label.name} for label in volume.labels],
         }
+    attributes = {"ome": told}
     if volume.frame or not np.array_equal(volume.direction, np.eye(3)):
         attributes["splatgl"] = {"direction": volume.direction.tolist(), "frame": volume.frame}
     return attributes

@@ -297,6 +297,9 @@ def test_stores_have_levels(labels: Any, tmp_path: Path, rng: np.random.Generato
     volume = sg.Volume(samples, (1, 1, 3), (5, 6, 7), labels=labels)
     volume.save(tmp_path / "a.zarr")
     group = zarr.open_group(tmp_path / "a.zarr", mode="r")
+    told = dict(group.attrs)["ome"]
+    assert group.metadata.zarr_format == 3 and told["version"] == "0.5" and "version" not in told["multiscales"][0]
+    assert group["0"].metadata.dimension_names == ("z", "y", "x")
     assert [group[str(n)].shape for n in range(4)] == [(3, 131, 260), (3, 66, 130), (3, 33, 65), (3, 17, 33)]
     assert np.array_equal(group["0"][:], samples)
     blocks = np.pad(samples, [(0, 0), (0, 1), (0, 0)], mode="edge").reshape(3, 66, 2, 130, 2)
