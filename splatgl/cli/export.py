@@ -124,7 +124,7 @@ def add_surface_parser(parser: argparse.ArgumentParser) -> None:
     about = "value whose surface is written; repeatable: one file each"
     number = Kind.number("one finite number", metavar="VALUE")
     parser.add_argument("--iso", type=number.parse, action="append", required=True, metavar="VALUE", help=about)
-    about = f".stl, .ply or .obj; {VALUE} in its name is the value"
+    about = f".stl, .ply, .obj or .glb; {VALUE} in its name is the value"
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help=about)
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     add_options(parser, SceneFile, "crop")

@@ -15,7 +15,7 @@ from splatgl.fileio import write_file
 
 EXTRA = "surface"
 # formats: endings of files, and the text that readers find the frame in
-SAVED = (".stl", ".ply", ".obj")
+SAVED = (".stl", ".ply", ".obj", ".glb")
 # voxels of a slab
 SLAB = 1 << 23
 # bytes of the text with which a binary STL begins
@@ -82,19 +82,20 @@ def _march(measure: Any, volume: Volume, part: Slab, value: float) -> tuple[np.n
 
 
 def save_mesh(mesh: Mesh, path: Path) -> None:
-    """Writes an .stl, .ply or .obj file, whole or not at all; unit and frame are in its header, where 3D Slicer states
-    the frame.
+    """Writes an .stl, .ply, .obj or .glb file, whole or not at all; unit and frame are in its header, where 3D Slicer
+    states the frame. Vertices stay in the mesh's unit and axes, also in .glb.
     """
     trimesh = import_extra("trimesh", "surfaces", "trimesh", EXTRA)
     words = [f"SPACE={mesh.frame}"] * bool(mesh.frame) + [f"UNIT={mesh.unit}"] * bool(mesh.unit)
     note, kind = " ".join(["splatgl", *words]), path.suffix.lower()
-    data = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(file_type=kind[1:])
+    signed = {"tree_postprocessor": lambda tree: tree["asset"].update(generator=note)} if kind == ".glb" else {}
+    data = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(file_type=kind[1:], **signed)
     data = data.encode() if isinstance(data, str) else bytes(data)
     if kind == ".stl":
         data = note.encode("ascii", "replace")[:HEADER].ljust(HEADER) + data[HEADER:]
     elif kind == ".ply":
         head, _, rest = data.partition(b"element vertex")
         data = head + f"comment {note}\n".encode() + b"element vertex" + rest
-    else:
+    elif kind == ".obj":
         data = f"# {note}\n".encode() + data
     write_file(path, data)

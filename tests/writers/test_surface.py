@@ -37,7 +37,7 @@ def test_a_ball_is_closed_across_slabs(flip: float) -> None:
     assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - RADIUS).max() < 0.04
 
 
-@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj"])
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".glb"])
 def test_files_are_read_back_in_their_frame(tmp_path: Path, suffix: str) -> None:
     ball().save(tmp_path / "ball.nrrd")
     output = tmp_path / f"ball{suffix}"
