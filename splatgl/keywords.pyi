@@ -76,6 +76,7 @@ class PictureLoadKeywords(TypedDict, total=False):
     values: Literal["labels", "amounts", "heights"] | None
     point_size: float | None
     anywhere: bool
+    own: Mapping[str, object] | None
 
 class LoadKeywords(PictureLoadKeywords, total=False):
     """Fields of `LoadOptions`."""
@@ -207,6 +208,7 @@ class PictureKeywords(
     origin: Numbers | None
     name: str | None
     offset: int
+    reader_option: Mapping[str, object] | None
     look: OptionGroup | None
     cuts: OptionGroup | None
     check: OptionGroup | None

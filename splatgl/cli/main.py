@@ -8,13 +8,13 @@ import errno
 import gc
 import io
 import os
+import re
 import shlex
 import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
-from importlib import import_module
 from itertools import takewhile
 from typing import NamedTuple, NoReturn, TextIO
 
@@ -22,6 +22,7 @@ from splatgl import __version__
 from splatgl.cli.parser import BAD_INPUT, NEGATIVE, HelpAll, Parser, one_line
 from splatgl.errors import NOT_NEEDED, InputError, InputWarning, expected, import_extra
 from splatgl.fileio import within
+from splatgl.plugins import find_function, load_plugins
 
 # what to cite: the method; .github/CITATION.cff has it and the software for reference managers
 CITATION = "after Mueller et al., Splatting Errors and Antialiasing, IEEE TVCG 4(2):178-191, 1998"
@@ -189,6 +190,11 @@ def _with_command(arguments: list[str]) -> list[str]:
     """The arguments, with `view` before a source alone. Raises InputError without a display, and for unknown words."""
     if not arguments or arguments[0] in COMMANDS:
         return arguments
+    if re.fullmatch(r"[a-z][a-z0-9-]*", arguments[0]) and not os.path.exists(arguments[0]):
+        # of other packages
+        COMMANDS.update((arguments[0], row) for row in load_plugins("commands", Command, arguments[0]))
+        if arguments[0] in COMMANDS:
+            return arguments
     if arguments[0].startswith("-"):
         known = ("--help", "--version", "-h")
         if arguments[0] not in known:
@@ -266,36 +272,41 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=row.help, description=description, usage=usage)
         # only the module of this command is imported
         if name in arguments[:1]:
-            module, _, function = row.place.partition(":")
-            getattr(import_module(f"splatgl.cli.{module}"), function or "add_parser")(command)
+            find_function(row.place, "splatgl.cli")(command)
             if command.is_long:
                 command.add_argument("--help-all", action=HelpAll, help=argparse.SUPPRESS)
     return parser
 
 
 class Command(NamedTuple):
-    """A command. place: its module, whose add_parser adds its options, or module:function."""
+    """A command. Of another package it is what an entry point of the group `splatgl.commands` leads to, with its name.
+
+    place: function, or place of one as of a `Format`, that adds options to an argparse parser, and sets `run`: a
+    function of the arguments that returns the exit code.
+    """
 
     help: str
-    place: str
+    place: str | Callable[[argparse.ArgumentParser], None]
     operands: str = ""
 
 
 COMMANDS = {
-    "render": Command("draw pictures of volumes or scenes", "render", "SOURCE…"),
-    "view": Command("open a window on a volume or a scene", "view", "SOURCE"),
-    "animate": Command("draw frames or a movie: a turntable, keyframes, or a series", "animate", "SOURCE… -o OUTPUT"),
-    "compare": Command("compare pictures or folders, and describe changes", "compare", "ACTUAL EXPECTED"),
-    "info": Command("describe a volume file", "info:add_info_parser", "SOURCE"),
-    "presets": Command("list transfer functions, or draw a volume with each", "presets", "[SOURCE]"),
-    "convert": Command("write a volume in another format", "export:add_convert_parser", "SOURCE OUT"),
+    "render": Command("draw pictures of volumes or scenes", "render.add_parser", "SOURCE…"),
+    "view": Command("open a window on a volume or a scene", "view.add_parser", "SOURCE"),
+    "animate": Command(
+        "draw frames or a movie: a turntable, keyframes, or a series", "animate.add_parser", "SOURCE… -o OUTPUT"
+    ),
+    "compare": Command("compare pictures or folders, and describe changes", "compare.add_parser", "ACTUAL EXPECTED"),
+    "info": Command("describe a volume file", "info.add_info_parser", "SOURCE"),
+    "presets": Command("list transfer functions, or draw a volume with each", "presets.add_parser", "[SOURCE]"),
+    "convert": Command("write a volume in another format", "export.add_convert_parser", "SOURCE OUT"),
     "surface": Command(
-        "write the surface at a value as a mesh", "export:add_surface_parser", "SOURCE --iso VALUE -o OUT.stl"
+        "write the surface at a value as a mesh", "export.add_surface_parser", "SOURCE --iso VALUE -o OUT.stl"
     ),
     "pyramid": Command(
-        "write a classified volume with coarser levels", "export:add_pyramid_parser", "SOURCE -o DIR.zarr"
+        "write a classified volume with coarser levels", "export.add_pyramid_parser", "SOURCE -o DIR.zarr"
     ),
-    "pick": Command("print the value and position under a pixel", "pick", "SOURCE X,Y"),
-    "doctor": Command("describe and check the OpenGL of this machine", "info:add_doctor_parser"),
-    "report": Command("measure error against run time of every method", "report", "[SOURCE…]"),
+    "pick": Command("print the value and position under a pixel", "pick.add_parser", "SOURCE X,Y"),
+    "doctor": Command("describe and check the OpenGL of this machine", "info.add_doctor_parser"),
+    "report": Command("measure error against run time of every method", "report.add_parser", "[SOURCE…]"),
 }

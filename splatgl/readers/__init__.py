@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from contextlib import nullcontext
 from dataclasses import fields, replace
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -14,6 +13,7 @@ from splatgl.data.volume import Label, Volume
 from splatgl.errors import Choice, InputError, error_prefix, expected, warn
 from splatgl.fileio import decode_text, require_existing
 from splatgl.options import keywords_of, refuse_unknown, with_keywords
+from splatgl.plugins import find_function, load_plugins
 from splatgl.readers.common import silence_libraries
 from splatgl.readers.contents import FIXES, UNKNOWN, describe_bytes, identify, is_n5, is_pattern
 from splatgl.readers.heightmap import terrain_from_heights
@@ -26,10 +26,13 @@ if TYPE_CHECKING:
 __all__ = ["FORMATS", "Format", "LoadOptions", "find_labels", "list_volumes", "load", "terrain_from_heights"]
 
 
-def _import_function(name: str) -> Any:
-    """Imports a function module.function of this folder; late, so that one format does not import all readers."""
-    module, function = name.split(".")
-    return getattr(import_module(f"{__name__}.{module}"), function)
+def _import_function(place: Any) -> Any:
+    return find_function(place, __name__)
+
+
+def formats() -> tuple[Format, ...]:
+    """FORMATS, and those of other packages."""
+    return *FORMATS, *load_plugins("readers", Format)
 
 
 # most characters of a message after the path: some quote the file
@@ -54,6 +57,9 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: Unpack[L
     """
     source, array = inside(str(path))
     path = source if is_address(source) else Path(source)
+    if not any(_suffix(Path(path), form) for form in FORMATS):
+        # which may warn of faulty packages
+        formats()
     try:
         with silence_libraries():
             if array is not None:
@@ -111,7 +117,7 @@ def _load(path: Path, options: LoadOptions) -> Volume:
     other = form.reader != named.reader and not _suffix(path, form) and path.is_file()
     note = f"its contents are {form.title}, not what its name says" if other else ""
     with error_prefix(note) if note else nullcontext():
-        volume = _import_function(form.reader)(path, options)
+        volume = _import_function(form.reader)(path, options, *form.own_options(options))
     volume = _apply_name(replace(volume, notes=(note, *volume.notes)) if note else volume, path.name, form, options)
     if volume.labels or options.values == "amounts":
         return volume
@@ -157,6 +163,9 @@ def _with_path(path: Path | str, error: InputError) -> InputError:
 def _find_format(path: Path, options: LoadOptions) -> Format:
     """The format of a path: by the contents where they are of a known kind, else by the name."""
     named = next((form for form in FORMATS if _suffix(path, form)), None)
+    other = None if named else next((form for form in load_plugins("readers", Format) if _suffix(path, form)), None)
+    if other:
+        return other
     kind = "folder" if path.is_dir() or is_pattern(path) else "file"
     detectable = [form for form in FORMATS if form.tells and kind in form.kinds]
     if kind == "folder":
@@ -190,7 +199,7 @@ def _refuse_contents(path: Path, named: Format | None, contents: str) -> Format:
     if named:
         got = contents or describe_bytes(path)
         raise expected("contents", f"{named.title}, as the name says", got, fix or "rename or convert the file")
-    known, advice = ", ".join(suffix for form in FORMATS for suffix in form.suffixes), converter(path.name)
+    known, advice = ", ".join(suffix for form in formats() for suffix in form.suffixes), converter(path.name)
     this = "one that is read" if fix or advice else f"known contents, or a name that ends in one of {known}"
     got = contents or repr("".join(path.suffixes[-2:]))
     raise expected("format", this, got, fix or advice or "convert it")
@@ -215,7 +224,7 @@ def _refuse_options(form: Format, options: LoadOptions) -> None:
     """Raises InputError for options that the format doesn't support."""
     if options.values == "heights" and "relief" not in form.takes:
         raise expected("values", f"labels or amounts for {form.title}", "heights")
-    known = (*(() if "point_size" in form.takes else ("spacing", "values")), *form.takes)
+    known = (*(() if "point_size" in form.takes else ("spacing", "values")), *form.takes, *["own"] * bool(form.own))
     refused = sorted(options.given - set(known))
     if refused:
         raise expected("options", f"some of {', '.join(known)} for {form.title}", ", ".join(refused))

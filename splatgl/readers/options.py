@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from argparse import ArgumentTypeError
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.times import is_time
-from splatgl.data.volume import Triple
-from splatgl.errors import Choice, expected
-from splatgl.options import Group, Kind, check_options, non_default, option
+from splatgl.data.volume import Triple, Volume
+from splatgl.errors import Choice, InputError, expected
+from splatgl.options import Group, Kind, check_options, checked, declared, non_default, option, refuse_unknown
 from splatgl.readers.contents import OTHER_GZIP, PACKINGS
 
 # endings of files that hold named datasets
@@ -120,6 +121,21 @@ def read_time(text: str) -> int | slice | str:
     return slice(*parts)
 
 
+def _check_pairs(value: Any) -> tuple[tuple[str, Any], ...]:
+    """Pairs of a mapping, or of pairs, by their names. ValueError for others."""
+    pairs = dict(value)
+    if not pairs or not all(isinstance(name, str) for name in pairs):
+        raise ValueError
+    return tuple(sorted(pairs.items()))
+
+
+def _read_pairs(text: str) -> tuple[tuple[str, str], ...]:
+    pairs = [part.partition("=") for part in text.split(",")]
+    if not all(name and mark for name, mark, _ in pairs):
+        raise ValueError
+    return tuple((name.strip(), value.strip()) for name, _, value in pairs)
+
+
 _option = partial(option, group=Group.READING)
 
 
@@ -220,6 +236,19 @@ class LoadOptions:
         bare=True,
     )
 
+    own: tuple[tuple[str, Any], ...] | None = _option(
+        None,
+        Kind(
+            "names and values of options",
+            _check_pairs,
+            _read_pairs,
+            "NAME=VALUE,…",
+            hint="Mapping[str, object]",
+        ),
+        "options that a plug-in's format has of its own",
+        flag="--reader-option",
+    )
+
     def __post_init__(self) -> None:
         check_options(self)
 
@@ -294,7 +323,12 @@ class LoadOptions:
 
 @dataclass(frozen=True)
 class Format:
-    """A format: its name, suffixes, reader (module.function) and supported options.
+    """A format: its name, suffixes, reader and supported options. Of another package it is what an entry point of the
+    group `splatgl.readers` leads to.
+
+    reader, tells, lists: functions, or places of functions: module.function of this folder, PACKAGE.MODULE:FUNCTION of
+    any. reader: returns the volume of a path and `LoadOptions`. own: dataclass of options, fields by `option`, that no
+    other format has; the reader gets an instance of it as a third argument.
 
     starts: kinds of contents (contents.py) beside the title; "?" bytes of no known kind, "*" any bytes. kinds: a volume
     is a "file", a "folder", or either. tells: function of a path (module.function) that recognizes the format by the
@@ -303,12 +337,29 @@ class Format:
 
     title: str
     suffixes: tuple[str, ...]
-    reader: str
+    reader: str | Callable[..., Volume]
     takes: tuple[str, ...] = ()
     starts: tuple[str, ...] = ()
     kinds: tuple[str, ...] = ("file",)
-    tells: str = ""
-    lists: str = ""
+    tells: str | Callable[[Path], bool] = ""
+    lists: str | Callable[[Path], list[str]] = ""
+    own: type | None = None
+
+    def own_options(self, options: LoadOptions) -> tuple[Any, ...]:
+        """The instance of `own`, if the format has options of its own. Raises InputError for other names and values."""
+        if self.own is None:
+            return ()
+        known, given = declared(self.own), dict(options.own or ())
+        refuse_unknown("own", given, known, f"some of {', '.join(known)} for {self.title}")
+        read = {}
+        for name, value in given.items():
+            kind = known[name].kind
+            try:
+                # text is of the command line
+                read[name] = kind.parse(value) if isinstance(value, str) else checked(kind, name, value)
+            except ArgumentTypeError as error:
+                raise InputError(f"{name}: {error}") from error
+        return (self.own(**read),)
 
 
 _PICTURES = ("PNG", "JPEG", "BMP")

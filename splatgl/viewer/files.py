@@ -16,7 +16,7 @@ from splatgl.data.scenes import SCENES
 from splatgl.errors import InputError
 from splatgl.fileio import write_file
 from splatgl.platforms import user_folder
-from splatgl.readers import FORMATS
+from splatgl.readers import formats
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import ALONE
 from splatgl.scene.scene_file import SceneFile
@@ -39,7 +39,7 @@ def has_native() -> bool:
 
 def suffixes() -> tuple[str, ...]:
     """The suffixes of files that can be opened."""
-    known = (suffix for form in FORMATS if "file" in form.kinds for suffix in form.suffixes)
+    known = (suffix for form in formats() if "file" in form.kinds for suffix in form.suffixes)
     return tuple(dict.fromkeys((".toml", *known, *ALONE)))
 
 

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from importlib import import_module
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from splatgl.data.color import luma
 from splatgl.data.volume import Label, Volume, triple
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import atomic_folder, atomic_write, check_output
+from splatgl.plugins import find_function, load_plugins
 from splatgl.readers import MARK, list_label_tables
 from splatgl.transfer.colormaps import colors_of
 
@@ -34,7 +34,8 @@ _ALL = ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8")
 
 @dataclass(frozen=True)
 class Target:
-    """A format that is written: its name, suffixes and writer (module.function).
+    """A format that is written: its name, suffixes and writer: a function of a path and a `Content`, or the place of
+    one as of a `Format`. Of another package it is what an entry point of the group `splatgl.writers` leads to.
 
     holds: what it keeps of "spacing", "origin", "direction", "color", "vectors", "channels", "layers" (channels of
     labels), "times", "labels" (their table) and "value unit". frame: of its coordinates, None if it states any. units:
@@ -43,7 +44,7 @@ class Target:
 
     title: str
     suffixes: tuple[str, ...]
-    writer: str
+    writer: str | Callable[[Path, Content], None]
     holds: tuple[str, ...]
     frame: str | None = None
     units: tuple[str, ...] = ()
@@ -80,14 +81,21 @@ TARGETS = (
 )
 
 
+def targets() -> Iterator[Target]:
+    """TARGETS, and then those of other packages."""
+    yield from TARGETS
+    yield from load_plugins("writers", Target)
+
+
 def find_target(path: Path) -> Target:
     """The format of a path to write. Raises InputError, before any work, for another name, a missing folder or library,
     and a place that cannot be written.
     """
     low = path.name.lower()
-    target = next((target for target in TARGETS if low.endswith(target.suffixes)), None)
+    of_name = (target for target in targets() if low.endswith(target.suffixes))
+    target = next(of_name, None)
     if target is None:
-        known = ", ".join(suffix for target in TARGETS for suffix in target.suffixes)
+        known = ", ".join(suffix for target in targets() for suffix in target.suffixes)
         raise expected(path, f"a name that ends in one of {known}", repr("".join(path.suffixes[-2:])))
     if not path.parent.is_dir() and not os.path.lexists(path.parent):
         raise expected(path, "a folder that is there", f"none named {path.parent}", "make it first")
@@ -165,8 +173,7 @@ def save(
     path = Path(path)
     target = find_target(path)
     content, notes = _prepare(volume, target, count, open_time)
-    module, function = target.writer.split(".")
-    write = getattr(import_module(f"{__name__}.{module}"), function)
+    write = find_function(target.writer, __name__)
     with ExitStack() as stack:
         table = content.volume.labels if "labels" not in target.holds else None
         if table and content.dtype.kind in "iu":

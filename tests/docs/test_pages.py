@@ -48,7 +48,8 @@ MOST_LINES = 120
 # of the site: pictures are half of it
 MOST_SITE_BYTES = 10_000_000
 # pages of the guide without a picture, or without a reference at the end
-NO_PICTURE, NO_REFERENCE = {"api", "changelog", "examples", "stability"}, {"api", "changelog", "index"}
+NO_PICTURE = {"api", "changelog", "examples", "plugins", "stability"}
+NO_REFERENCE = {"api", "changelog", "index", "plugins"}
 # of code blocks; text is output, and holds no command
 LANGUAGES = ("sh", "python", "toml", "yaml", "text")
 # what begins a command line

@@ -16,7 +16,7 @@ PACKAGE = Path(__file__).parents[2] / "splatgl"
 # Rooms by level. A room imports rooms of lower levels only.
 LEVELS = (
     ("errors", "platforms"),
-    ("fileio", "options"),
+    ("fileio", "options", "plugins"),
     ("coercion", "keywords", "opengl"),
     ("data",),
     ("readers",),

@@ -12,7 +12,7 @@ import numpy as np
 from splatgl import readers
 from splatgl.data.color import color_of_dye
 from splatgl.data.volume import Volume
-from splatgl.readers import FORMATS
+from splatgl.readers import formats
 from splatgl.transfer.statistics import sampled_steps
 
 LayerData = tuple[Any, dict[str, Any], str]
@@ -27,7 +27,7 @@ TURN = slice(None, None, -1)
 
 def patterns() -> list[str]:
     """Patterns of file names, as the manifest lists them."""
-    return list(dict.fromkeys(f"*{suffix}" for form in FORMATS for suffix in form.suffixes if suffix not in OTHERS))
+    return list(dict.fromkeys(f"*{suffix}" for form in formats() for suffix in form.suffixes if suffix not in OTHERS))
 
 
 def reader_of(path: str | Sequence[str]) -> Callable[[Any], list[LayerData]] | None:
