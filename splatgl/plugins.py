@@ -19,7 +19,9 @@ def load_plugins(group: str, kind: type, name: str | None = None) -> tuple[Any, 
     from importlib.metadata import entry_points
 
     found, faults = [], []
-    for entry in entry_points(group=f"splatgl.{group}", **({} if name is None else {"name": name})):
+    for entry in entry_points(group=f"splatgl.{group}"):
+        if name not in (None, entry.name):
+            continue
         try:
             value = entry.load()
         except Exception as error:
