@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from math import ceil, floor, log10
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -236,29 +236,20 @@ DECODED = 4 + 16
 PNG_SIGNATURE, UP, COLOR_TYPES = b"\x89PNG\r\n\x1a\n", 2, {3: 2, 4: 6}
 
 
-class Drawn(NamedTuple):
-    """Pixels as a renderer drew them, float32 [H, W, 4], and of what: splats, bricks or a scene, a camera, settings."""
-
-    pixels: np.ndarray
-    subject: Any
-    camera: Any
-    settings: Any
-
-
 @public
 @dataclass(frozen=True, eq=False)
 class Image:
     """pixels: float32 [H, W, 4], linear, premultiplied, row 0 at the top. info: how the image was rendered. figure: the
-    picture without its annotations, and these, for PDF and SVG. bits: 8 or 16 of samples, None of floats. drawn: what
-    `accuracy` compares with; None of files, of blurred pictures, and of copies for other processes. plan: the
-    `ScenePlan` that drew it; None of files, and of copies for other processes.
+    picture without its annotations, and these, for PDF and SVG. bits: 8 or 16 of samples, None of floats. drawn:
+    pixels as a renderer drew them, whose `accuracy` can be computed; None of files, of blurred pictures, and of copies
+    for other processes. plan: the `ScenePlan` that drew it; None of files, and of copies for other processes.
     """
 
     pixels: np.ndarray
     info: Mapping[str, object] = field(default_factory=dict)
     figure: Figure | None = None
     bits: int | None = None
-    drawn: Drawn | None = field(default=None, repr=False)
+    drawn: np.ndarray | None = field(default=None, repr=False)
     plan: Any = field(default=None, repr=False)
 
     def __getstate__(self) -> dict[str, object]:

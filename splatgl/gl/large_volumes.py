@@ -343,4 +343,4 @@ def render_moving_bricks(
         image = draw(bricks.probes, camera, sharp)
     chosen = renderer.plan_bricks(bricks, blurred.camera, sharp)
     chosen = replace(chosen, moments=blurred.moments, notes=(*notes, *chosen.notes))
-    return replace(image, plan=ScenePlan((chosen,), ResolvedScene((), sharp)))
+    return replace(image, plan=ScenePlan((chosen,), ResolvedScene((), camera, sharp)))

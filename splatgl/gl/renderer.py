@@ -14,7 +14,7 @@ import moderngl
 import numpy as np
 
 from splatgl.coercion import public
-from splatgl.data.image import Drawn, Image
+from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
 from splatgl.geometry.camera import Camera
 from splatgl.gl.backends import ContextLost, hand_back
@@ -128,36 +128,33 @@ class Renderer:
         the flow of other splats, in a process that was forked after the renderer was opened, and as `plan_scene`.
         """
         check_process(self.ctx)
-        settings, started = settings or Settings(), time.perf_counter()
-        scene = self.plans(splats, camera, settings, motion)
-        chosen = scene.first
-        if chosen.moments and motion is not None:
-            sharp = replace(settings, moments=None, motion=settings.motion if chosen.exposure else "off")
-            draw = partial(self.render, verify_bound=verify_bound, interrupted=interrupted)
-            mean = Moments(draw, motion, sharp.shutter, chosen.moments, blurred=chosen.exposure is not None)
-            # a scene has no flow, and is passed to `draw` unchanged
-            image = mean(splats, camera, sharp)  # type: ignore[arg-type]
-            info = self._scene_info(scene, camera, started)
-            return Image(image.pixels.astype(np.float32), {**image.info, **info}, plan=scene)
-        with current(self.ctx):
-            check_size(self.ctx, chosen.view.size)
-            pixels = self._draw_scene(scene, interrupted)
-        info = self._scene_info(scene, camera, started)
-        drawn = Drawn(pixels, splats, camera, settings) if motion is None else None
-        return Image(pixels, info | self._error(scene, camera, pixels, verify_bound), drawn=drawn, plan=scene)
+        settings = settings or Settings()
+        scene = plan_scene(splats, camera, settings, motion, self.tiles)
+        chosen, started = scene.first, time.perf_counter()
+        if not chosen.moments or motion is None:
+            return self.draw(scene, verify_bound, interrupted)
+        sharp = replace(settings, moments=None, motion=settings.motion if chosen.exposure else "off")
+        draw = partial(self.render, verify_bound=verify_bound, interrupted=interrupted)
+        mean = Moments(draw, motion, sharp.shutter, chosen.moments, blurred=chosen.exposure is not None)
+        # a scene has no flow, and is passed to `draw` unchanged
+        image = mean(splats, camera, sharp)  # type: ignore[arg-type]
+        info = self._scene_info(scene, started)
+        return Image(image.pixels.astype(np.float32), {**image.info, **info}, plan=scene)
 
-    def plans(
-        self, subject: Splats | Scene, camera: Camera, settings: Settings, motion: Motion | None = None
-    ) -> ScenePlan:
-        """The plans of the picture that `render` draws. Raises InputError as `render` for several layers and meshes."""
-        return plan_scene(subject, camera, settings, motion, self.tiles)
+    def draw(self, scene: ScenePlan, verify_bound: bool = True, interrupted: Callable[[], bool] | None = None) -> Image:
+        """As `render`, a picture by its plan, without the mean of moments. In `composite` extinctions and emissions of
+        layers add up at every depth, and meshes end or weaken rays; in other blends pictures of layers are joined.
+        """
+        check_process(self.ctx)
+        started = time.perf_counter()
+        with current(self.ctx):
+            check_size(self.ctx, scene.first.view.size)
+            pixels = self._draw_scene(scene, interrupted)
+        info = self._scene_info(scene, started) | self._error(scene, pixels, verify_bound)
+        return Image(pixels, info, drawn=None if scene.is_moving else pixels, plan=scene)
 
     def _draw_scene(self, scene: ScenePlan, interrupted: Callable[[], bool] | None) -> np.ndarray:
-        """Draws all layers and meshes. In `composite` extinctions and emissions of layers add up at every depth, and
-        meshes end or weaken rays; in other blends pictures of layers are joined.
-        """
-        chosen = scene.first
-        resolved = scene.resolved
+        chosen, resolved = scene.first, scene.resolved
         if resolved.is_single:
             return self._draw(chosen, interrupted=interrupted)
         if resolved.is_joined:
@@ -169,9 +166,9 @@ class Renderer:
         is_lit = chosen.settings.shading != "off"
         return self._guarded(chosen, partial(self.passes.draw_surfaces, resolved.meshes, is_lit, layers, interrupted))
 
-    def _scene_info(self, scene: ScenePlan, camera: Camera, started: float) -> dict[str, object]:
+    def _scene_info(self, scene: ScenePlan, started: float) -> dict[str, object]:
         """Provenance of a picture of splats or layers. started: value of `time.perf_counter`."""
-        info = self.provenance(scene.first, camera, time.perf_counter() - started)
+        info = self.provenance(scene.first, scene.resolved.camera, scene.seconds + time.perf_counter() - started)
         info |= {"notes": notes} if (notes := scene.notes) else {}
         if scene.resolved.is_single:
             return info
@@ -184,7 +181,7 @@ class Renderer:
             "background": None if ground is None else list(ground),
         }
 
-    def _error(self, scene: ScenePlan, camera: Camera, pixels: np.ndarray, verify: bool) -> dict[str, object]:
+    def _error(self, scene: ScenePlan, pixels: np.ndarray, verify: bool) -> dict[str, object]:
         """The error bound, and whether the tolerance is met; several layers and meshes have no bound.
 
         verify: whether a picture whose bound exceeds the tolerance is compared with that of the finest form.
@@ -196,7 +193,7 @@ class Renderer:
             return {"error_bound": None, "tolerance_met": None}
         error, allowed = known.total, chosen.resolved.tolerance * max(brightest, 1e-30)
         if verify and error > allowed and not chosen.exposure:
-            error = min(error, self._verified(chosen, camera, pixels))
+            error = min(error, self._verified(chosen, scene.resolved.camera, pixels))
         return {"error_bound": error, "tolerance_met": bool(error <= allowed)}
 
     def render_bricks(
@@ -294,13 +291,11 @@ class Renderer:
     def _of_bricks(
         self, bricks: Bricks, camera: Camera, chosen: Plan, pixels: np.ndarray, splats: int, started: float
     ) -> Image:
-        info = self.provenance(chosen, camera, time.perf_counter() - started)
+        plan = ScenePlan((chosen,), ResolvedScene((), camera, chosen.settings, bricks=bricks))
+        info = self._scene_info(plan, started)
         info |= {"splats": splats, "bricks": len(bricks.low), "error_bound": None, "tolerance_met": None}
         info["unmasked"] = bricks.whole.unmasked + sum(bricks.gaps.values())
-        plan = ScenePlan((chosen,), ResolvedScene((), chosen.settings))
-        info |= {"notes": plan.notes} if plan.notes else {}
-        drawn = Drawn(pixels, bricks, camera, chosen.settings)
-        return Image(pixels, info, drawn=drawn, plan=plan)
+        return Image(pixels, info, drawn=pixels, plan=plan)
 
     def _verified(self, chosen: Plan, camera: Camera, pixels: np.ndarray) -> float:
         """The difference to the picture of the finest form, table and target, plus its bound; inf for that form."""

@@ -158,8 +158,7 @@ class Resolved:
         In a parallel view, still splats must be the result of `clip_behind_eye`.
         """
         depths, notes = depth_range(splats, camera), list[str]()
-        pixel = farthest_pixel(splats, camera)
-        samples = samples_per_pixel(settings, pixel, camera.size, notes)
+        samples = samples_per_pixel(splats, camera, settings, notes)
         fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
         if len(splats):
             check_reach(splats.corners, camera, splats.grid.mean_spacing)
@@ -208,7 +207,7 @@ class Resolved:
             clip=clip,
             mask=mask,
             cues=cues,
-            allowed=_allowed(splats, settings, samples, pixel) if after and settings.hides and not antialias else 0.0,
+            allowed=_allowed(splats, camera, settings, samples) if after and settings.hides and not antialias else 0.0,
             mip_attenuation=settings.mip_attenuation,
             display=splats.display,
         )
@@ -300,27 +299,28 @@ def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
 
 def farthest_pixel(splats: Splats, camera: Camera) -> float:
     """Width of a pixel in smallest voxels at the farthest splat."""
-    return float(camera.pixel_pitch(depth_range(splats, camera)[1])) / splats.grid.smallest_spacing
+    _, farthest = depth_range(splats, camera)
+    return float(camera.pixel_pitch(farthest)) / splats.grid.smallest_spacing
 
 
-def samples_per_pixel(settings: Settings, pixel: float, size: tuple[int, int], notes: list[str]) -> int:
-    """Samples along each axis of a pixel. pixel: as `farthest_pixel`. size: of the picture."""
+def samples_per_pixel(splats: Splats, camera: Camera, settings: Settings, notes: list[str] | None = None) -> int:
+    """Samples along each axis of a pixel. camera: of the picture."""
     if settings.antialias != "auto":
         return settings.samples if settings.antialias == "supersample" else 1
     least = next(k for tolerance, k in SAMPLES if settings.tolerance >= tolerance)
-    wanted = int(np.clip(np.ceil(pixel), least, MOST_SAMPLES))
+    wanted, size = int(np.clip(np.ceil(farthest_pixel(splats, camera)), least, MOST_SAMPLES)), camera.size
     fits = max(1, min(MOST_SIDE // max(size), int(np.sqrt(MOST_AREA / (size[0] * size[1])))))
-    if wanted > fits:
+    if wanted > fits and notes is not None:
         notes.append(f"{wanted}×{wanted} samples a pixel left out: the picture is too large; its edges alias more")
     return min(wanted, fits)
 
 
-def _allowed(splats: Splats, settings: Settings, samples: int, pixel: float) -> float:
-    """Largest end correction of one sample with which a tile of pixels takes no more. pixel: as `farthest_pixel`."""
+def _allowed(splats: Splats, camera: Camera, settings: Settings, samples: int) -> float:
+    """Largest end correction of one sample with which a tile of pixels takes no more. camera: of the picture."""
     # rims of surfaces that planes cut may lie between the samples of like pixels
     has_rims = bool(settings.clip) and splats.post is not None and bool(splats.post.transfer.iso)
-    spared = settings.antialias == "auto" and samples == SPARED and pixel <= SPARED_PIXEL and not has_rims
-    return SPARED_SHARE * settings.tolerance if spared else 0.0
+    spared = settings.antialias == "auto" and samples == SPARED and not has_rims
+    return SPARED_SHARE * settings.tolerance if spared and farthest_pixel(splats, camera) <= SPARED_PIXEL else 0.0
 
 
 def _antialias(settings: Settings, z_k: float, farthest: float, notes: list[str]) -> bool:
@@ -545,8 +545,8 @@ def reach_outside(splats: Splats, settings: Settings, camera: Camera | None) -> 
     if settings.antialias == "off":
         return 1
     # kernels are as much wider as a pixel is wider than a voxel
-    pixel = farthest_pixel(splats, camera)
-    wider = max(pixel * settings.filter_width / samples_per_pixel(settings, pixel, camera.size, []), 1.0)
+    width = farthest_pixel(splats, camera) * settings.filter_width
+    wider = max(width / samples_per_pixel(splats, camera, settings), 1.0)
     return 2 ** math.ceil(math.log2(wider)) if wider <= MOST_WIDER else 0
 
 

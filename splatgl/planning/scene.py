@@ -5,6 +5,7 @@ Extinctions and emissions of overlapping layers add up at every depth of a ray.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -26,13 +27,13 @@ from splatgl.geometry.clipping import Box, Plane, change_planes, parse_planes
 from splatgl.geometry.grid import Grid
 from splatgl.geometry.slices import Painted, Painter, Slice, parse_slices
 from splatgl.options import refuse_unknown
+from splatgl.planning.bricks import Bricks
 from splatgl.planning.culling import Opaque, clip_behind_eye
 from splatgl.planning.plan import Plan, ResolvedLayer, plan_layer, unused_settings
 from splatgl.planning.resolve import (
     blur_form,
     check_blur_supported,
     extract_for_settings,
-    farthest_pixel,
     samples_per_pixel,
 )
 from splatgl.readers import load
@@ -392,13 +393,15 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class ResolvedScene:
-    """Layers and meshes of a picture, with resolved settings. layers: none of a volume in bricks.
-    settings: as they were given.
+    """Layers and meshes of a picture, with resolved settings. layers: none of a volume in bricks. settings: as they
+    were given.
     """
 
     layers: tuple[ResolvedLayer, ...]
+    camera: Camera
     settings: Settings
     meshes: tuple[Mesh, ...] = ()
+    bricks: Bricks | None = None
 
     @property
     def is_single(self) -> bool:
@@ -414,13 +417,14 @@ class ResolvedScene:
 @dataclass(frozen=True, eq=False)
 class ScenePlan:
     """Plans of the layers of a picture. resolved: without the choices for OpenGL, for the float64 reference. told:
-    notes on the meshes. is_moving: whether its motion is known.
+    notes on the meshes. is_moving: whether its motion is known. seconds: that planning, and extraction, took.
     """
 
     layers: tuple[Plan, ...]
     resolved: ResolvedScene
     told: tuple[str, ...] = ()
     is_moving: bool = False
+    seconds: float = 0.0
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -456,9 +460,11 @@ def plan_scene(
 
     Raises InputError as `resolve_scene`.
     """
+    started = time.perf_counter()
     scene = resolve_scene(subject, camera, settings, motion)
     plans = tuple(plan_layer(layer, tiles) for layer in scene.layers)
-    return ScenePlan(plans, scene, () if scene.is_single else subject.notes, motion is not None)
+    told = () if scene.is_single else subject.notes
+    return ScenePlan(plans, scene, told, motion is not None, time.perf_counter() - started)
 
 
 def resolve_scene(
@@ -472,7 +478,7 @@ def resolve_scene(
     layers, meshes = subject.drawn(settings), subject.surfaces(settings)
     if len(layers) == 1 and not meshes:
         ((splats, look),) = layers
-        return ResolvedScene((ResolvedLayer.of(splats, camera, look, motion),), settings)
+        return ResolvedScene((ResolvedLayer.of(splats, camera, look, motion),), camera, settings)
     changes: dict[str, Any] = {}
     if motion is not None and not motion.still:
         check_blur_supported("of layers", settings, motion.flow is not None)
@@ -483,7 +489,7 @@ def resolve_scene(
         changes["background"] = None
     layers = common_samples(layers, camera, settings)
     shown = [ResolvedLayer.of(splats, camera, replace(look, **changes), motion) for splats, look in layers]
-    return ResolvedScene(_composited(shown) if settings.hides else tuple(shown), settings, meshes)
+    return ResolvedScene(_composited(shown) if settings.hides else tuple(shown), camera, settings, meshes)
 
 
 def _composited(layers: Sequence[ResolvedLayer]) -> tuple[ResolvedLayer, ...]:
@@ -533,10 +539,8 @@ def common_samples(
     """Layers that composite together, with the same samples a pixel: the most that a layer needs."""
     if settings.antialias != "auto" or len(layers) < 2 or not settings.hides:
         return list(layers)
-    samples = {
-        samples_per_pixel(look, farthest_pixel(clip_behind_eye(splats, camera), camera), camera.size, [])
-        for splats, look in layers
-    }
+    fronts = [(clip_behind_eye(splats, camera), look) for splats, look in layers]
+    samples = {samples_per_pixel(front, camera, look) for front, look in fronts}
     if len(samples) == 1:
         return list(layers)
     return [(splats, replace(look, antialias="supersample", samples=max(samples))) for splats, look in layers]

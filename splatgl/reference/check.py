@@ -70,23 +70,23 @@ def check(
     reconstructed and classified at every point of a ray: `info["checked"]["field"]`. Raises InputError as
     `resolve_scene` and `check_input`.
     """
-    return _check(image, resolve_scene(splats, camera, settings or Settings()), camera, amount, field)
+    return _check(image, resolve_scene(splats, camera, settings or Settings()), amount, field)
 
 
-def _check(image: Image, scene: ResolvedScene, camera: Camera, amount: int | float | None, field: bool) -> Image:
+def _check(image: Image, scene: ResolvedScene, amount: int | float | None, field: bool) -> Image:
     """`check` of a picture of a resolved scene."""
     check_input(scene, amount, field)
     if amount == 0:
         return image
-    settings, draw = scene.settings, partial(render_pixels, scene, camera)
+    settings, draw = scene.settings, partial(render_pixels, scene)
     amount = PIXELS if amount is None else amount
-    image, drawn = compare_sample(image, settings, amount, draw, reachable(scene, camera))
+    image, drawn = compare_sample(image, settings, amount, draw, reachable(scene))
     if field and len(drawn):
         shown = drawn[_is_visible(image.pixels, settings).ravel()[drawn]]
         shown = shown if len(shown) else drawn
         pixels = shown[np.linspace(0, len(shown) - 1, min(FIELD_PIXELS, len(shown))).astype(int)]
         samples, of = 1 if settings.antialias == "off" else FIELD_SAMPLES, scene.layers[0]
-        exact = kept_field_integral(of.splats, camera, pixels, samples, of.settings)
+        exact = kept_field_integral(of.splats, scene.camera, pixels, samples, of.settings)
         off = image.pixels.reshape(-1, 4)[pixels] - exact
         errors = {"largest": float(np.abs(off).max()), "rmse": float(np.sqrt((off**2).mean()))}
         checked = image.info["checked"]
@@ -112,11 +112,10 @@ def compare(image: Image, amount: int | float | None = None, field: bool = False
     """Adds `info["checked"]` to a picture by what was drawn, also of bricks, under its annotations; as `check`."""
     if image.drawn is None:
         return image
-    pixels, subject, camera, settings = image.drawn
-    plain = replace(image, pixels=pixels)
-    if isinstance(subject, Bricks):
-        return replace(image, info=check_bricks(plain, subject, camera, settings, amount).info)
-    return replace(image, info=_check(plain, image.plan.resolved, camera, amount, field).info)
+    plain, scene = replace(image, pixels=image.drawn), image.plan.resolved
+    if scene.bricks is not None:
+        return replace(image, info=check_bricks(plain, scene.bricks, scene.camera, scene.settings, amount).info)
+    return replace(image, info=_check(plain, scene, amount, field).info)
 
 
 def accuracy_of(image: Image) -> Accuracy:

@@ -68,15 +68,15 @@ def render(
     """
     started = time.perf_counter()
     settings = settings or Settings()
-    drawings, info = _prepare(_resolve_row(splats, camera, settings, row), camera, row)
+    drawings, info = _prepare(_resolve_row(splats, camera, settings, row), row)
     pictures = [draw_bands(*drawing, progress) for drawing in drawings]
     picture = pictures[0] if len(pictures) == 1 else join_pictures(pictures, settings)
     return Image(picture, {**info, "seconds": round(time.perf_counter() - started, 6)})
 
 
-def render_pixels(scene: ResolvedScene, camera: Camera, wanted: np.ndarray) -> np.ndarray:
+def render_pixels(scene: ResolvedScene, wanted: np.ndarray) -> np.ndarray:
     """Some pixels of the image, float64 [P, 4]: to check other images of many splats. wanted [P]: row-major indices."""
-    drawings, _ = _prepare(scene, camera, wanted=wanted)
+    drawings, _ = _prepare(scene, wanted=wanted)
     parts = [_draw_pixels(*drawing, wanted) for drawing in drawings]
     return parts[0] if len(parts) == 1 else join_pictures(parts, scene.settings)
 
@@ -97,7 +97,7 @@ def _resolve_row(subject: Splats | Scene, camera: Camera, settings: Settings, ro
 
 
 def _prepare(
-    scene: ResolvedScene, camera: Camera, row: str = "row1", wanted: np.ndarray | None = None
+    scene: ResolvedScene, row: str = "row1", wanted: np.ndarray | None = None
 ) -> tuple[list[tuple[Drawing, Resolved]], dict[str, object]]:
     """The drawing of the picture; in blends without an order, one of each layer, without background. And the picture's
     info. wanted: the only pixels that are drawn; None: all.
@@ -105,7 +105,7 @@ def _prepare(
     layers = [(layer.front, layer.resolved) for layer in scene.layers]
     first, resolved = layers[0]
     row = row if scene.is_single else "row1"
-    info = _provenance(first, camera, resolved, row)
+    info = _provenance(first, scene.camera, resolved, row)
     if not scene.is_single:
         names, count = [splats.name for splats, _ in layers], sum(len(splats) for splats, _ in layers)
         ground = scene.settings.ground
@@ -160,10 +160,10 @@ def render_pixels_of(bricks: Bricks, camera: Camera, settings: Settings, wanted:
     return _draw_pixels(_scene(splats, resolved, "row1"), resolved, wanted)
 
 
-def reachable(scene: ResolvedScene, camera: Camera) -> np.ndarray:
+def reachable(scene: ResolvedScene) -> np.ndarray:
     """bool [H, W]: pixels that splats may reach; all of them with meshes. The others show the background alone."""
     if scene.meshes:
-        return np.ones(camera.size[::-1], bool)
+        return np.ones(scene.camera.size[::-1], bool)
     return np.any([_reachable(run_boxes(layer.front), layer.resolved) for layer in scene.layers], axis=0)
 
 

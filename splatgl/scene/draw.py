@@ -218,13 +218,13 @@ class SubjectView:
 def draw(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
     """Draws a scene in this process, with its provenance and annotations."""
     if isinstance(scene, SubjectView):
-        return scene.finished(draw_subject(scene.subject, scene.camera, scene.settings, how))
+        image = _drawn(scene, how)
+        return scene.finished(_compared(image, how))
     check_time(scene.names)
     if scene.file.slices:
-        sheet, view = draw_slices(scene)
-        return finish(sheet, view, scene)
+        return finish(*draw_slices(scene), scene)
+    level, info, notes = scene, dict[str, object](), list[str]()
     image: Image | None = None
-    level, info = scene, dict[str, object]()
     # a step of a series may be empty
     is_step = scene.file.look is not None
     if scene.is_single:
@@ -232,21 +232,21 @@ def draw(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
             scene.check_masks()
         if scene.volume.coarser:
             level, info = _choose_level(scene, how)
-        image = _draw_in_bricks(level, how)
+        image = _drawn_in_bricks(level, how)
     else:
         how.check_supported("layers", "a picture of one volume", "layers" if scene.file.layers else "meshes")
         scene.check_fits()
     if image is None:
-        with how.open_early() as opening:
-            image = draw_subject(level.subject, level.camera, level.settings, opening)
+        image = _drawn(level, how)
         if how.memory is not None and scene.is_single and (scene.file.threshold or level.splats.post is None):
             why = "only values classified after reconstruction, without a threshold, are drawn in bricks"
-            image = image.with_notes(no_effect(["memory"], why))
+            notes += no_effect(["memory"], why)
+    image = _compared(image, how)
     if not _shows(image):
         if not is_step:
             raise level.nothing_visible()
-        image = image.with_notes([f"the picture is empty: {level.nothing_visible()}"])
-    return finish(replace(image, info={**image.info, **info}), None, scene)
+        notes.insert(0, f"the picture is empty: {level.nothing_visible()}")
+    return finish(replace(image, info={**image.info, **info}).with_notes(notes), None, scene)
 
 
 def draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> Image:
@@ -311,7 +311,7 @@ def _choose_level(scene: OpenScene, how: DrawOptions) -> tuple[OpenScene, dict[s
     return replace(scene, volume=level.volume, fixed_camera=camera), level.info
 
 
-def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
+def _drawn_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
     """Draws brick by brick a picture that needs more than --memory; None for others."""
     from splatgl.planning.bricks import excess_bricks
 
@@ -331,41 +331,46 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
             if need.bytes <= most:
                 reason = f"up to about {need.most:,} splats are more than are drawn at once"
             print(f"{reason}: drawn in {len(bricks.low):,} bricks, nearest first")
-        return _told(renderer.draw_bricks(bricks, camera, plan, progress, bands=bands), renderer, how)
+        return renderer.draw_bricks(bricks, camera, plan, progress, bands=bands)
 
 
-def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, how: DrawOptions) -> Image:
-    """Draws splats or layers, and compares the picture with float64; prints the output of --explain and --savings."""
-    from splatgl.planning.scene import resolve_scene
+def _drawn(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
+    """The picture of a scene without annotations; prints the output of --explain and --savings."""
+    from splatgl.planning.scene import plan_scene
     from splatgl.reference.check import check_input
+    from splatgl.scene.shared_renderer import measure_savings
 
-    with how.renderer() as renderer:
-        if how.check_field:
-            # before work on a picture that cannot be compared
-            check_input(resolve_scene(subject, camera, settings), how.check, how.check_field)
-        image = renderer.render(subject, camera, settings)
-        return _told(image, renderer, how)
+    with how.open_early() as opening:
+        # while OpenGL opens
+        subject = scene.subject
+        with opening.renderer() as renderer:
+            plan = plan_scene(subject, scene.camera, scene.settings, tiles=renderer.tiles)
+            if how.check_field:
+                # before work on a picture that cannot be compared
+                check_input(plan.resolved, how.check, how.check_field)
+            image = renderer.draw(plan)
+            if how.savings:
+                print("\n".join(measure_savings(renderer, plan.first)))
+            return image
 
 
-def _told(image: Image, renderer: Renderer, how: DrawOptions) -> Image:
-    """A picture that a renderer drew, compared with float64 as --check and --field ask, without them on demand, with
-    --check 0 never; prints the output of --explain and --savings.
+def _compared(image: Image, how: DrawOptions) -> Image:
+    """A picture, compared with float64 as --check and --field ask, without them on demand, with --check 0 never; prints
+    the output of --explain.
     """
     from splatgl.reference.check import compare
-    from splatgl.scene.shared_renderer import measure_savings
 
     if how.explain:
         print(image.plan.explain())
-    if _shows(image):
-        if how.check == 0 and not how.check_field:
-            image = replace(image, drawn=None)
-        elif how.check is not None or how.check_field:
-            image = compare(image, how.check, how.check_field)
-        if how.explain:
-            image = image.with_accuracy()
-            print(f"{replace(image, drawn=None).accuracy}, against the float64 reference of the same splats")
-    if how.savings:
-        print("\n".join(measure_savings(renderer, image.plan.first)))
+    if not _shows(image):
+        return image
+    if how.check == 0 and not how.check_field:
+        image = replace(image, drawn=None)
+    elif how.check is not None or how.check_field:
+        image = compare(image, how.check, how.check_field)
+    if how.explain:
+        image = image.with_accuracy()
+        print(f"{replace(image, drawn=None).accuracy}, against the float64 reference of the same splats")
     return image
 
 

@@ -218,9 +218,8 @@ class OpenScene:
         for layer in self.scene.shown:
             excess = excess_bricks(layer.volume, layer.seen, self.file.settings, size, layer.threshold)
             if excess is not None:
-                name, fix = layer.volume.name or "layer", "give more --memory, or use a smaller volume"
-                this = f"a layer that fits into {format_bytes(budget())}"
-                raise expected(name, this, format_bytes(excess[1].bytes), fix)
+                this, got = f"a layer that fits into {format_bytes(budget())}", format_bytes(excess[1].bytes)
+                raise expected(layer.volume.name or "layer", this, got, "give more --memory, or use a smaller volume")
 
     def nothing_visible(self) -> InputError:
         """The error for a scene without splats and meshes, with the reason."""

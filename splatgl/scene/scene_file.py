@@ -489,8 +489,8 @@ class SceneFile:
         volume = self._open().placed(*self.world)
         if self.look is not None and self.look.slices is not None:
             volume = replace(volume, hints=replace(volume.hints, slices=self.look.slices))
-        faint = [FAINTLY] * is_backdrop(self, volume)
-        of_looks = (*transfer_notes(self.transfer, volume), *self._unused_notes(volume), *faint)
+        faint, unused = [FAINTLY] * is_backdrop(self, volume), self._unused_notes(volume)
+        of_looks = (*transfer_notes(self.transfer, volume), *unused, *faint)
         constant = "" if is_mesh(self.volume) else constant_note(volume)
         notes = (*self.view.notes(volume.frame), *of_looks, *[constant] * bool(constant))
         return replace(volume, notes=(*volume.notes, *notes)) if notes else volume

@@ -100,7 +100,7 @@ def outcome(renderer: sg.Renderer, seed: int) -> Outcome:
         pixels[rows] = np.roll(pixels[rows], 1, axis=1)
     image = sg.Image(changed(rng, pixels) if damage == "changed" else pixels)
     flat = right.reshape(-1, 4)
-    reached = reachable(resolve_scene(splats, camera, settings), camera)
+    reached = reachable(resolve_scene(splats, camera, settings))
     empty = np.zeros(4) if background is None or blend == "xray" else np.ones(4)
     assert np.abs(right[~reached] - empty).max(initial=0.0) < 1e-12, f"seed {seed}: matter in what no splat reaches"
     known = reached if rng.random() < 0.8 else None

@@ -133,9 +133,9 @@ def test_pixels_of_bricks_are_compared_as_those_of_the_whole(
     assert len(read) < (0.9 if name == "inside" else 0.45) * len(bricks.low)
     scene = resolve_scene(sg.extract(volume, RAMP), camera, ALL)
     reached = reachable_of(bricks, camera, ALL)
-    for near in (reached, reachable(scene, camera)):
-        assert not render_pixels(scene, camera, np.flatnonzero(~near)[::9]).any()
-    again: Any = compare_sample(image, ALL, 1, partial(render_pixels, scene, camera), reached)[0].info["checked"]
+    for near in (reached, reachable(scene)):
+        assert not render_pixels(scene, np.flatnonzero(~near)[::9]).any()
+    again: Any = compare_sample(image, ALL, 1, partial(render_pixels, scene), reached)[0].info["checked"]
     assert {**found, "rmse": 0} == {**again, "rmse": 0} | {"largest": found["largest"]} and found["largest"] < 2e-4
     assert abs(found["largest"] - again["largest"]) + abs(found["rmse"] - again["rmse"]) < 1e-12
     wrong = sg.Image(image.pixels + np.float32(0.01), image.info)

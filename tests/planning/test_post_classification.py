@@ -390,7 +390,7 @@ def test_no_spike_is_passed_over(renderer: sg.Renderer, steps: int, view: str, w
         splats = sg.extract(sg.Volume(z), transfer, classification="post")
         alpha = renderer.render(splats, camera, EXACT.but(steps=steps)).pixels[3:6, 3:6, 3]
         assert np.abs(alpha + np.expm1(-area / slope)).max() < 0.015, middle
-        right = render_pixels(resolve_scene(splats, camera, EXACT.but(steps=steps)), camera, np.array([30, 40, 50]))
+        right = render_pixels(resolve_scene(splats, camera, EXACT.but(steps=steps)), np.array([30, 40, 50]))
         assert np.abs(np.diag(alpha) - right[:, 3]).max() < 1e-5
 
 

@@ -315,7 +315,7 @@ def test_scattered_pixels_are_those_of_the_picture(antialias: str, compositing: 
     whole = render(splats, camera, settings).pixels.reshape(-1, 4)
     random = np.flatnonzero(np.random.default_rng(1).random(320) < 0.1)
     for wanted in (np.array([0, 19, 20, 300, 319]), np.arange(140, 160), random, random[:0]):
-        found = render_pixels(resolve_scene(splats, camera, settings), camera, wanted)
+        found = render_pixels(resolve_scene(splats, camera, settings), wanted)
         assert found.shape == (len(wanted), 4) and np.abs(found - whole[wanted]).max(initial=0.0) < 1e-12
     assert np.ptp(whole[random]) > 0.3
 
