@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from splatgl.cli.options import add_backend, add_source, add_view, record_of, scene_from
 from splatgl.data.volume import Volume, subsample
@@ -16,7 +16,7 @@ from splatgl.fileio import check_output, check_source
 from splatgl.scene.open_scene import OpenScene, print_notes, with_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
-from splatgl.transfer.presets import PRESETS, default_transfer, preset
+from splatgl.transfer.presets import PRESETS, default_transfer, preset, with_preset_blend
 from splatgl.transfer.transfer import Transfer
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def as_json(volume: Volume | None = None) -> str:
     """One line of JSON: a list of the presets. volume: for whose values points and windows are listed."""
     records = []
     for name, row in PRESETS.items():
-        record: dict[str, object] = {"name": name, "about": row.about, "colormap": row.colormap, "blend": row.blend}
+        record = {"name": name, **{key: getattr(row, key) for key in ("about", "colormap", "blend")}}
         if volume is not None:
             transfer = preset(name, volume)
             record |= {"points": transfer.points, "window": transfer.window, "colormap": transfer.colormap}
@@ -98,9 +98,8 @@ def as_json(volume: Volume | None = None) -> str:
 
 def looks_of(volume: Volume, settings: Settings) -> Iterator[tuple[str, tuple[Transfer, Settings]]]:
     """(name, (transfer function, settings)) of each preset for a volume."""
-    for name, row in PRESETS.items():
-        blend: dict[str, Any] = {} if row.blend is None or "blend" in settings.given else {"blend": row.blend}
-        yield name, (preset(name, volume), settings.but(**blend))
+    for name in PRESETS:
+        yield name, (preset(name, volume), with_preset_blend(settings, name))
 
 
 def subsampled(volume: Volume) -> Volume:

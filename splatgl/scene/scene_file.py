@@ -100,8 +100,8 @@ from splatgl.transfer.presets import (
     label_transfer,
     logarithmic_transfer,
     over_window,
-    preset_named,
     projection_transfer,
+    with_preset_blend,
 )
 from splatgl.transfer.statistics import without_far_values
 from splatgl.transfer.transfer import Transfer
@@ -594,8 +594,7 @@ class SceneFile:
     def with_preset_blend(self) -> SceneFile:
         """Returns the scene with the blend of its preset, unless the settings specify one."""
         name = self.transfer.get("preset")
-        blend = preset_named(name).blend if isinstance(name, str) and "blend" not in self.settings.given else None
-        return self if blend is None else replace(self, settings=replace(self.settings, blend=blend))
+        return replace(self, settings=with_preset_blend(self.settings, name)) if isinstance(name, str) else self
 
     def transfer_for(self, volume: Volume) -> Transfer:
         """Returns the transfer function: the default or a preset, overridden by options; faint around lines, labels."""

@@ -24,7 +24,7 @@ from splatgl.transfer.statistics import Cut, Ground, Statistics, sorted_percenti
 from splatgl.transfer.transfer import Nodes, Transfer
 
 if TYPE_CHECKING:
-    from splatgl.splat.settings import Blend
+    from splatgl.splat.settings import Blend, Settings
 
 # opacities of a surface just above its cut, of the brightest values, and of single-valued objects
 SURFACE, CORE, SOLID = 0.8, 0.95, 0.99
@@ -502,6 +502,12 @@ def _is_smooth(volume: Volume, empty: float) -> bool:
 
 # optical depth of a constant volume along its shortest side, so that its edges are seen
 FOG = 1.5
+
+
+def with_preset_blend(settings: Settings, name: str) -> Settings:
+    """The settings with the blend of a preset, unless they specify one."""
+    blend = preset_named(name).blend
+    return settings if blend is None or "blend" in settings.given else replace(settings, blend=blend)
 
 
 def constant_note(volume: Volume) -> str:

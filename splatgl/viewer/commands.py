@@ -310,7 +310,7 @@ def _threshold(factor: float) -> Run:
 def with_threshold(state: State, threshold: float) -> State:
     """The state with another threshold, to four digits; blends of one value have none."""
     if state.settings.needs_values and threshold > 0:
-        return replace(state, message=f"no threshold: blend {state.settings.blend} takes the values of all voxels")
+        return replace(state, message="no threshold: this blend takes the values of all voxels")
     return state.edit(threshold=float(f"{threshold:.4g}"))
 
 

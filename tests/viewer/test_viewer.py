@@ -694,7 +694,7 @@ def test_blends_of_one_value_have_no_threshold(document: Document) -> None:
     state = State.of(document, SIZE)
     mean = replace(state, settings=POST.but(blend="mean"))
     told = acted(mean, "threshold-up", document)
-    assert told.style.threshold == 0.0 and told.message == "no threshold: blend mean takes the values of all voxels"
+    assert told.style.threshold == 0.0 and told.message == "no threshold: this blend takes the values of all voxels"
     assert acted(state, "threshold-up", document).style.threshold > 0
     # nor are they chosen while one is about to be extracted
     pending, met = state.edit(threshold=0.1), set()

@@ -22,7 +22,7 @@ from qtpy.QtWidgets import (
 from splatgl.data.image import Image
 from splatgl.errors import USER_ERRORS, error_text
 from splatgl.integrations.napari.panel import picture
-from splatgl.splat.settings import BLENDS
+from splatgl.splat.settings import choices
 
 # minimum width of the image in the panel, pixels
 LEAST_WIDTH = 320
@@ -40,7 +40,7 @@ class Panel(QWidget):
         # its samples, uint8 [H, W, 3], sRGB
         self.rgb = np.zeros((1, 1, 3), np.uint8)
         self.blends, self.shown, self.summary = QComboBox(), QLabel(), QLabel()
-        self.blends.addItems((AS_SHOWN, *BLENDS))
+        self.blends.addItems((AS_SHOWN, *choices()["blend"]))
         self.buttons = [QPushButton(name) for name in ("Render", "Save…", "Copy", "As layer")]
         row, column = QHBoxLayout(), QVBoxLayout(self)
         row.addWidget(self.blends)
