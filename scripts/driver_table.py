@@ -203,7 +203,7 @@ def draw_notebook(subject: Subject, renderer: sg.Renderer, name: str) -> np.ndar
     """The full picture of a notebook's view, sRGB."""
     from splatgl.viewer.notebook import Session
 
-    session = Session(scene_of(subject.volume, subject.transfer, None, None, {"size": subject.size})[0])
+    session = Session(scene_of(subject.volume, subject.transfer, None, None, {"size": subject.size}))
     return finished(lambda: session.frame() is None and session.patience() is None, lambda: session.image.pixels)
 
 

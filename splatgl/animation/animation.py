@@ -272,7 +272,7 @@ def _subject(scene: OpenScene, flow: float | None, is_step: bool) -> FrameSubjec
     if not scene.is_single:
         if flow is not None:
             raise expected("--flow", "a scene of one volume", "layers, channels or meshes")
-        scene.check_fits()
+        scene.check()
     if not (is_step or scene.has_matter):
         raise scene.nothing_visible()
     return FrameSubject(scene.subject, scene.settings.clip, scene.transfer)

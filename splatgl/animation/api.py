@@ -82,15 +82,18 @@ def animate(
         raise expected("bits", "8 or 16", repr(bits))
     check_fps(fps, "fps")
     found = [scene_of(item, look, None, base, rest) for item in items]
-    scenes, memory = [scene for scene, _ in found if isinstance(scene, SceneFile)], found[0][1]
+    scenes, how = (
+        [scene for scene in found if isinstance(scene, SceneFile)],
+        DrawOptions(is_shared=True, memory=rest.get("memory")),
+    )
     if len(scenes) < len(found):
         raise expected("animate", "volumes, arrays or files", "splats or a scene")
     timeline, fps = timeline_of(scenes[0], Timeline(**given), fps)
     scenes = [with_blur(scene, options_given.get("shutter")) for scene in scenes]
     scenes = [each for scene in scenes for each in ([scene] if scene.held is not None else volumes(scene, ()))]
-    with within(memory):
+    with within(how.memory):
         animation = Animation.of(scenes, timeline, options_given.get("time"), bits, True)
-        return write_animation(animation, str(output), by, DrawOptions(is_shared=True), fps, resume, True)[0]
+        return write_animation(animation, str(output), by, how, fps, resume, True)[0]
 
 
 def timeline_of(scene: SceneFile, given: Timeline, fps: float | None) -> tuple[Timeline, float | None]:

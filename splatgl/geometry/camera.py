@@ -99,7 +99,8 @@ class Camera:
 
         Raises InputError if eye = target, `up` is along the view, or fov is not within [1e−9, 180).
         """
-        return cls(_point("eye", eye), _axes(eye, target, up), _size(size), 2.0 * _half_width(fov))
+        place = _point("eye", eye)
+        return cls(place, _axes(place, target, up), _size(size), 2.0 * _half_width(fov))
 
     @classmethod
     def orthographic(
@@ -109,7 +110,8 @@ class Camera:
 
         Everything behind the plane through `eye` is clipped. Raises InputError as `look_at`, and for height ≤ 0.
         """
-        return cls(_point("eye", eye), _axes(eye, target, up), _size(size), _height(height), perspective=False)
+        place = _point("eye", eye)
+        return cls(place, _axes(place, target, up), _size(size), _height(height), perspective=False)
 
     @classmethod
     def orbit(
@@ -313,8 +315,8 @@ def _size(size: Size) -> tuple[int, int]:
     return width, height
 
 
-def _axes(eye: Vector, target: Vector, up: Vector) -> np.ndarray:
-    view = _point("target", target) - _point("eye", eye)
+def _axes(eye: np.ndarray, target: Vector, up: Vector) -> np.ndarray:
+    view = _point("target", target) - eye
     length = float(np.linalg.norm(view))
     if not length > 0.0:
         raise expected("target", "a point other than the eye", [float(x) for x in target], "move one of them")

@@ -22,7 +22,6 @@ from splatgl.options import (
     Group,
     OptionGroup,
     by_fields,
-    checked,
     declared,
     flag_name,
     is_number,
@@ -222,8 +221,7 @@ def depth_map(
     "max" or "min": the depth of the largest or least value; None: ½, or the value that mip and minip show. Needs no
     OpenGL. Raises InputError like `render`, and for splats and volumes that are read in parts.
     """
-    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
-    return depths_of(opened(scene_of(x, look, view, base, given)[0]), at)
+    return depths_of(opened(scene_of(x, transfer, camera, settings, options)), at)
 
 
 @with_groups()
@@ -256,16 +254,16 @@ def render(
     image.save("head.png")
     ```
     """
-    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
-    scene, memory = scene_of(x, look, view, base, given)
-    return picture(scene, memory)
+    scene = scene_of(x, transfer, camera, settings, options)
+    return picture(scene, options.get("memory"))
 
 
-def picture(scene: SceneFile | SubjectView, memory: int | None) -> Image:
+def picture(scene: SceneFile | SubjectView, memory: Any) -> Image:
     """Draws a scene from `scene_of` with the shared renderer."""
-    with within(memory):
+    how = DrawOptions(is_shared=True, memory=memory)
+    with within(how.memory):
         shown = opened(scene)
-        return draw(shown, DrawOptions(is_shared=True, memory=memory))
+        return draw(shown, how)
 
 
 def opened(scene: SceneFile | SubjectView) -> OpenScene | SubjectView:
@@ -273,20 +271,15 @@ def opened(scene: SceneFile | SubjectView) -> OpenScene | SubjectView:
     return OpenScene.read(scene) if isinstance(scene, SceneFile) else scene
 
 
-def scene_of(
-    x: Any,
-    transfer: Transfer | str | Mapping[str, Any] | None,
-    camera: Camera | None,
-    settings: Settings | None,
-    options: Mapping[str, Any],
-) -> tuple[SceneFile | SubjectView, int | None]:
-    """Returns the scene of `x` with the arguments of `render`, and the memory limit; splats, layers and plotters have
-    no file, and are seen as they are.
+def scene_of(x: Any, transfer: Any, camera: Any, settings: Any, keywords: Mapping[str, Any]) -> SceneFile | SubjectView:
+    """Returns the scene of `x` with the arguments of `render`; splats, layers and plotters have no file, and are seen
+    as they are.
     """
+    options, (transfer, camera, settings) = ungrouped(keywords, transfer, camera, settings)
     if is_scene(x):
         if transfer is not None:
             raise expected("transfer", "none beside a scene, whose layers have theirs", type(transfer).__name__)
-        return _layers_view(x, camera, settings, options), None
+        return _layers_view(x, camera, settings, options)
     rest, transfer = by_fields(options, Transfer, SceneFile, LoadOptions), _transfer(transfer)
     beside = [name for name in ("preset", "file") if rest.get(name)]
     if beside and transfer:
@@ -309,8 +302,6 @@ def scene_of(
         unit = rest.get("unit")
         of_transfer = {"unit"} if is_number(unit) or str(unit) == EXTENT else set()
         scene = _source(x, {name: rest.pop(name) for name in reading if name in rest and name not in of_transfer})
-    memory = rest.pop("memory", None)
-    memory = None if memory is None else checked(declared(DrawOptions)["memory"].kind, "memory", memory)
     if settings is not None:
         scene = replace(scene, settings=settings)
     if camera is not None:
@@ -321,8 +312,8 @@ def scene_of(
         if not len(x):
             raise expected("splats", "at least one", "none")
         info = {"version": __version__, "source": x.name, **scene.view.paper}
-        return SubjectView(x, scene.view.camera(x, x), with_background(scene.settings, x.shaded), info), None
-    return scene if "blend" in rest else scene.with_preset_blend(), memory
+        return SubjectView(x, scene.view.camera(x, x), with_background(scene.settings, x.shaded), info)
+    return scene if "blend" in rest else scene.with_preset_blend()
 
 
 def _source(x: Any, reading: dict[str, Any]) -> SceneFile:
@@ -400,5 +391,4 @@ def camera_of(
     **options: Any,
 ) -> Camera:
     """Returns the camera of `render` with the same arguments; draws nothing."""
-    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
-    return opened(scene_of(x, look, view, base, given)[0]).camera
+    return opened(scene_of(x, transfer, camera, settings, options)).camera

@@ -90,6 +90,9 @@ class DrawOptions:
     explain: bool = _accuracy(False, Kind.flag(), "print what is drawn, what is left out, and why", bare=True)
     savings: bool = _speed(False, Kind.flag(), "also measure the time saved by each skipped step", bare=True)
 
+    def __post_init__(self) -> None:
+        check_options(self)
+
     def renderer(self) -> AbstractContextManager[Renderer]:
         """The renderer for one picture."""
         if self.held is not None:
@@ -218,34 +221,26 @@ class SubjectView:
 def draw(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
     """Draws a scene in this process, with its provenance and annotations."""
     if isinstance(scene, SubjectView):
-        image = _drawn(scene, how)
-        return scene.finished(_compared(image, how))
+        return scene.finished(_picture(scene, how))
     check_time(scene.names)
     if scene.file.slices:
         return finish(*draw_slices(scene), scene)
-    level, info, notes = scene, dict[str, object](), list[str]()
-    image: Image | None = None
-    # a step of a series may be empty
-    is_step = scene.file.look is not None
-    if scene.is_single:
-        if not is_step:
-            scene.check_masks()
-        if scene.volume.coarser:
-            level, info = _choose_level(scene, how)
-        image = _drawn_in_bricks(level, how)
-    else:
+    if not scene.is_single:
         how.check_supported("layers", "a picture of one volume", "layers" if scene.file.layers else "meshes")
-        scene.check_fits()
-    if image is None:
-        image = _drawn(level, how)
-        if how.memory is not None and scene.is_single and (scene.file.threshold or level.splats.post is None):
-            why = "only values classified after reconstruction, without a threshold, are drawn in bricks"
-            notes += no_effect(["memory"], why)
-    image = _compared(image, how)
+    scene.check()
+    level, info, notes = scene, dict[str, object](), list[str]()
+    if scene.is_single and scene.volume.coarser:
+        level, info = _choose_level(scene, how)
+    image = _picture(level, how)
     if not _shows(image):
-        if not is_step:
+        # a step of a series may be empty
+        if scene.file.look is None:
             raise level.nothing_visible()
-        notes.insert(0, f"the picture is empty: {level.nothing_visible()}")
+        notes.append(f"the picture is empty: {level.nothing_visible()}")
+    is_whole = scene.is_single and "bricks" not in image.info
+    if how.memory is not None and is_whole and (scene.file.threshold or level.splats.post is None):
+        why = "only values classified after reconstruction, without a threshold, are drawn in bricks"
+        notes += no_effect(["memory"], why)
     return finish(replace(image, info={**image.info, **info}).with_notes(notes), None, scene)
 
 
@@ -334,32 +329,27 @@ def _drawn_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
         return renderer.draw_bricks(bricks, camera, plan, progress, bands=bands)
 
 
-def _drawn(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
-    """The picture of a scene without annotations; prints the output of --explain and --savings."""
+def _picture(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
+    """The picture of a scene without annotations, compared with float64 as --check and --field ask, without them on
+    demand, with --check 0 never; prints the output of --explain and --savings.
+    """
     from splatgl.planning.scene import plan_scene
-    from splatgl.reference.check import check_input
+    from splatgl.reference.check import check_input, compare
     from splatgl.scene.shared_renderer import measure_savings
 
-    with how.open_early() as opening:
-        # while OpenGL opens
-        subject = scene.subject
-        with opening.renderer() as renderer:
-            plan = plan_scene(subject, scene.camera, scene.settings, tiles=renderer.tiles)
-            if how.check_field:
-                # before work on a picture that cannot be compared
-                check_input(plan.resolved, how.check, how.check_field)
-            image = renderer.draw(plan)
-            if how.savings:
-                print("\n".join(measure_savings(renderer, plan.first)))
-            return image
-
-
-def _compared(image: Image, how: DrawOptions) -> Image:
-    """A picture, compared with float64 as --check and --field ask, without them on demand, with --check 0 never; prints
-    the output of --explain.
-    """
-    from splatgl.reference.check import compare
-
+    image = _drawn_in_bricks(scene, how) if isinstance(scene, OpenScene) and scene.is_single else None
+    if image is None:
+        with how.open_early() as opening:
+            # while OpenGL opens
+            subject = scene.subject
+            with opening.renderer() as renderer:
+                plan = plan_scene(subject, scene.camera, scene.settings, tiles=renderer.tiles)
+                if how.check_field:
+                    # before work on a picture that cannot be compared
+                    check_input(plan.resolved, how.check, how.check_field)
+                image = renderer.draw(plan)
+                if how.savings:
+                    print("\n".join(measure_savings(renderer, plan.first)))
     if how.explain:
         print(image.plan.explain())
     if not _shows(image):

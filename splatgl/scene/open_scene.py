@@ -202,24 +202,23 @@ class OpenScene:
         kept = (select_splats(splats, look, self.is_moving) for splats, look in subject.drawn(settings))
         return bool(subject.surfaces(settings)) or any(map(len, kept))
 
-    def check_masks(self) -> None:
-        """Raises InputError if the masks keep only transparent voxels."""
+    def check(self) -> None:
+        """Raises InputError for a layer that only bricks could draw within the memory budget, and if the masks of a
+        single volume, which is no step of a series, keep only transparent voxels.
+        """
+        from splatgl.planning.bricks import excess_bricks
         from splatgl.planning.culling import Opaque
 
-        if self.volume.masks and Opaque(self.volume, self.transfer).nothing:
-            fix = "set the points to the values that matter, or take another mask"
-            raise expected(self.file.volume, "voxels with an opacity that its masks keep", "none", fix)
-
-    def check_fits(self) -> None:
-        """Raises InputError for a layer that only bricks could draw within the memory budget."""
-        from splatgl.planning.bricks import excess_bricks
-
-        size = self.file.view.size
-        for layer in self.scene.shown:
-            excess = excess_bricks(layer.volume, layer.seen, self.file.settings, size, layer.threshold)
+        for layer in () if self.is_single else self.scene.shown:
+            look = layer.volume, layer.seen, self.file.settings
+            excess = excess_bricks(*look, self.file.view.size, layer.threshold)
             if excess is not None:
                 this, got = f"a layer that fits into {format_bytes(budget())}", format_bytes(excess[1].bytes)
                 raise expected(layer.volume.name or "layer", this, got, "give more --memory, or use a smaller volume")
+        is_masked = self.is_single and self.file.look is None and self.volume.masks
+        if is_masked and Opaque(self.volume, self.transfer).nothing:
+            fix = "set the points to the values that matter, or take another mask"
+            raise expected(self.file.volume, "voxels with an opacity that its masks keep", "none", fix)
 
     def nothing_visible(self) -> InputError:
         """The error for a scene without splats and meshes, with the reason."""

@@ -126,7 +126,7 @@ class Exposure:
     @classmethod
     def of(cls, camera: Camera, shutter: float, motion: Motion | None) -> Exposure | None:
         """The exposure; None for a still: no motion, or a closed shutter."""
-        frames = exposure_frames(shutter)
+        frames = shutter / FULL_SHUTTER
         if motion is None or motion.still or frames == 0:
             return None
         flow = motion.flow if motion.flow is not None and motion.flow.any() else None
@@ -153,20 +153,13 @@ class Exposure:
         return _in_cells(splats, self.flow) * (self.frames / 2)
 
 
-def exposure_frames(shutter: float) -> float:
-    """Exposure in frames of a shutter angle in degrees. InputError outside of 0 … 360."""
-    if not 0 <= shutter <= FULL_SHUTTER:
-        raise expected("shutter", "an angle from 0 to 360 degrees", shutter)
-    return float(shutter) / FULL_SHUTTER
-
-
 def streaks(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> Streaks:
     """Paths of splats during an exposure of a shutter angle that ends at the frame's time.
 
     Streaks are straight approximations of curved paths: parallel to the chord from start to end, centred on the
     mean position. A splat that crosses the eye's plane gets the tangent in the middle.
     """
-    length = exposure_frames(shutter)
+    length = shutter / FULL_SHUTTER
     times = (-length, -length / 2, 0.0)
     views = [motion.view(camera, at) for at in times]
     middle = views[1]
@@ -268,7 +261,7 @@ class Moments:
         if count < 1:
             raise expected("count", "at least one moment", count)
         self.draw, self.motion, self.count, self.blurred = draw, motion, count, blurred
-        self.exposure = exposure_frames(shutter)
+        self.exposure = shutter / FULL_SHUTTER
 
     def __call__(self, splats: Splats, camera: Camera, settings: Settings) -> Image:
         """The mean of the moments' images, with the last image's info. If all have error bounds, their mean is the

@@ -20,6 +20,7 @@ from splatgl.opengl import OpenGL
 from splatgl.options import OptionGroup
 from splatgl.platforms import has_display
 from splatgl.scene.api import picture, scene_of, ungrouped, with_groups
+from splatgl.scene.draw import DrawOptions
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.transfer.transfer import Transfer
@@ -55,7 +56,7 @@ def show(
     if isinstance(x, Image):
         return x
     given, (look, view, base) = ungrouped(options, transfer, camera, settings)
-    scene, memory = scene_of(x, look, view, base, given)
+    scene, memory = scene_of(x, look, view, base, given), DrawOptions(memory=given.get("memory")).memory
     if isinstance(scene, SceneFile):
         if in_notebook() and find_spec("jupyter_rfb"):
             from splatgl.viewer.notebook import Session, View

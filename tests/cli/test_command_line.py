@@ -605,7 +605,7 @@ def test_a_missing_library_is_told_before_any_work(here: Path, capsys: Said, mon
 )
 def test_command_line_keywords_and_scene_files_agree(typed: str, keywords: dict[str, Any], here: Path) -> None:
     written = scene_from(_parser(["render"]).parse_args(["render", "noise.npy", *typed.split()]))
-    scene, _ = scene_of("noise.npy", None, None, None, keywords)
+    scene = scene_of("noise.npy", None, None, None, keywords)
     Path("again.toml").write_text(written.to_toml(here))
     assert written.to_toml(here) == scene.to_toml(here) == SceneFile.from_toml(Path("again.toml")).to_toml(here)
 

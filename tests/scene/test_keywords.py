@@ -199,7 +199,7 @@ def effect(base: sg.Image, x: Any, folder: Path, keyword: str, value: Any) -> st
     if any(names(keyword, note) for note in notes):
         return "message"
     if keyword == "name_of":
-        opened = scene_of(x, None, None, None, {keyword: value})[0].open()
+        opened = scene_of(x, None, None, None, {keyword: value}).open()
         return "info" * ("liver" in [label.name for label in opened.labels or ()])
     key = STATED.get(keyword, "seconds")
     return "info" * (key != "seconds" and image.info.get(key) != base.info.get(key))
@@ -262,7 +262,7 @@ def test_a_number_is_the_length_that_opacities_refer_to(x: Any) -> None:
     assert np.isfinite(far).sum() < np.isfinite(near).sum()
     # text is the unit of lengths
     assert np.array_equal(sg.render(x, size=SIZE, unit="cm").pixels, sg.render(x, size=SIZE).pixels)
-    assert scene_of(x, None, None, None, {"unit": "cm"})[0].open().unit == "cm"
+    assert scene_of(x, None, None, None, {"unit": "cm"}).open().unit == "cm"
 
 
 def test_the_unit_of_files_and_of_movies(tmp_path: Path) -> None:

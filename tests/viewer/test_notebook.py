@@ -43,7 +43,7 @@ def volume() -> sg.Volume:
 
 @pytest.fixture
 def session(volume: sg.Volume) -> Timed:
-    scene, _ = scene_of(volume, None, None, None, {"size": (96, 64)})
+    scene = scene_of(volume, None, None, None, {"size": (96, 64)})
     return Timed(scene)
 
 
@@ -72,7 +72,7 @@ def test_previews_of_cut_volumes_have_an_inside() -> None:
     z = np.linspace(-1, 1, 24)
     near = np.sqrt(z[:, None, None] ** 2 + z[:, None] ** 2 + z**2) < 0.9
     options = {"clip": "z<0.5", "view": "superior", "size": (48, 48), "classification": "pre"}
-    scene, _ = scene_of(sg.Volume(near.astype(np.float32)), sg.Transfer([(0.5, 0.0), (0.6, 1.0)]), None, None, options)
+    scene = scene_of(sg.Volume(near.astype(np.float32)), sg.Transfer([(0.5, 0.0), (0.6, 1.0)]), None, None, options)
     session = Session(scene)
     session._draw(Level())
     preview = session.image.pixels
