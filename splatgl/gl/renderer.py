@@ -29,6 +29,7 @@ from splatgl.planning.error_bound import bound
 from splatgl.planning.plan import Plan, plan
 from splatgl.planning.resolve import why_per_splat
 from splatgl.planning.scene import ResolvedScene, Scene, ScenePlan, join_pictures, plan_scene
+from splatgl.planning.technique import Hiding
 from splatgl.splat.extract_values import post_splats
 from splatgl.splat.motion import Moments, Motion
 from splatgl.splat.settings import FULL_SHUTTER, Settings
@@ -411,3 +412,47 @@ def check_bricks_supported(whole: Splats, camera: Camera, settings: Settings) ->
 def open_renderer(opengl: OpenGL) -> Renderer:
     """A renderer of this choice of OpenGL."""
     return Renderer(opengl.backend, opengl.device, opengl.gpu or False)
+
+
+# interleaved frames per variant, after a warm-up frame that compiles and uploads; the fastest counts
+ROUNDS = 3
+
+
+def measure_savings(renderer: Renderer, plan: Plan) -> list[str]:
+    """A line of text for the planned frame, and one for each omission that is undone: its time, and the largest change
+    of the picture.
+    """
+    ways = {"as planned": plan, **undo_omissions(plan)}
+    pictures: dict[str, np.ndarray] = {}
+    times: dict[str, float] = {}
+    with current(renderer.ctx):
+        for turn in range(ROUNDS + 1):
+            for name, way in ways.items():
+                started = time.perf_counter()
+                pictures[name] = renderer.passes.draw(plan.splats, way)
+                if turn:
+                    times[name] = min(times.get(name, np.inf), time.perf_counter() - started)
+    right, base = pictures.pop("as planned"), times.pop("as planned")
+    lines = [f"a frame takes {base * 1e3:.3g} ms; without an omission:"]
+    for name, seconds in times.items():
+        change = float(np.abs(pictures[name] - right).max())
+        lines.append(f"  {name}: {seconds / base:.2f} times as long, changes the picture by {change:.2g} at most")
+    return lines if times else [f"a frame takes {base * 1e3:.3g} ms; no omission can be undone"]
+
+
+def undo_omissions(plan: Plan) -> dict[str, Plan]:
+    """Plans that undo each omission, by name, and a plan that undoes all."""
+    program = plan.program
+    if program.align != "exact" or plan.exposure is not None:
+        return {}
+    one_by_one = {
+        "quads for tiles": (program.technique != "quads", plan.with_choices(technique="quads")),
+        "antialiasing": (not program.seen.antialias, plan.with_choices(antialias=True)),
+        "voxels of any shape": (program.seen.cubic, plan.with_choices(cubic=False)),
+        "what is hidden": (plan.hiding.cutoff > 0, replace(plan, hiding=Hiding())),
+    }
+    plans = {name: undone for name, (is_omitted, undone) in one_by_one.items() if is_omitted}
+    if plans:
+        everything = plan.with_choices(technique="quads", antialias=True, cubic=False, half_line=True)
+        plans["all of that, and half lines"] = everything
+    return plans

@@ -333,9 +333,9 @@ def _picture(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
     """The picture of a scene without annotations, compared with float64 as --check and --field ask, without them on
     demand, with --check 0 never; prints the output of --explain and --savings.
     """
+    from splatgl.gl.renderer import measure_savings
     from splatgl.planning.scene import plan_scene
     from splatgl.reference.check import check_input, compare
-    from splatgl.scene.shared_renderer import measure_savings
 
     image = _drawn_in_bricks(scene, how) if isinstance(scene, OpenScene) and scene.is_single else None
     if image is None:
