@@ -99,8 +99,7 @@ class Camera:
 
         Raises InputError if eye = target, `up` is along the view, or fov is not within [1e−9, 180).
         """
-        place = _point("eye", eye)
-        return cls(place, _axes(place, target, up), _size(size), 2.0 * _half_width(fov))
+        return cls(*_eye_and_axes(eye, target, up), _size(size), 2.0 * _half_width(fov))
 
     @classmethod
     def orthographic(
@@ -110,8 +109,7 @@ class Camera:
 
         Everything behind the plane through `eye` is clipped. Raises InputError as `look_at`, and for height ≤ 0.
         """
-        place = _point("eye", eye)
-        return cls(place, _axes(place, target, up), _size(size), _height(height), perspective=False)
+        return cls(*_eye_and_axes(eye, target, up), _size(size), _height(height), perspective=False)
 
     @classmethod
     def orbit(
@@ -315,8 +313,9 @@ def _size(size: Size) -> tuple[int, int]:
     return width, height
 
 
-def _axes(eye: np.ndarray, target: Vector, up: Vector) -> np.ndarray:
-    view = _point("target", target) - eye
+def _eye_and_axes(eye: Vector, target: Vector, up: Vector) -> tuple[np.ndarray, np.ndarray]:
+    place = _point("eye", eye)
+    view = _point("target", target) - place
     length = float(np.linalg.norm(view))
     if not length > 0.0:
         raise expected("target", "a point other than the eye", [float(x) for x in target], "move one of them")
@@ -328,7 +327,7 @@ def _axes(eye: np.ndarray, target: Vector, up: Vector) -> np.ndarray:
         raise expected("up", "a direction that is not along the view", up, "choose another --up")
     # GL's axes are right, up, backward; pyrr gives them as columns
     axes = pyrr.matrix33.create_from_matrix44(pyrr.matrix44.create_look_at(np.zeros(3), view, vertical)).T
-    return np.asarray(axes * np.array([[1.0], [-1.0], [-1.0]]))
+    return place, np.asarray(axes * np.array([[1.0], [-1.0], [-1.0]]))
 
 
 def _orbit_axes(azimuth: float, elevation: float, up: Vector) -> tuple[np.ndarray, np.ndarray]:

@@ -188,9 +188,8 @@ class WorkerOptions:
         return connected(self.workers, self.scheduler, tell)
 
 
-# options that pictures of layers, in bricks, and on workers do not support
+# options that pictures in bricks and on workers do not support
 UNSUPPORTED = {
-    "layers": ("check_field", "savings"),
     "bricks": ("check_field", "savings"),
     "workers": ("check_field", "savings", "explain"),
 }
@@ -225,8 +224,6 @@ def draw(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
     check_time(scene.names)
     if scene.file.slices:
         return finish(*draw_slices(scene), scene)
-    if not scene.is_single:
-        how.check_supported("layers", "a picture of one volume", "layers" if scene.file.layers else "meshes")
     scene.check()
     level, info, notes = scene, dict[str, object](), list[str]()
     if scene.is_single and scene.volume.coarser:
@@ -344,9 +341,11 @@ def _picture(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
             subject = scene.subject
             with opening.renderer() as renderer:
                 plan = plan_scene(subject, scene.camera, scene.settings, tiles=renderer.tiles)
+                # before work on a picture that cannot be compared or measured
                 if how.check_field:
-                    # before work on a picture that cannot be compared
                     check_input(plan.resolved, how.check, how.check_field)
+                if how.savings and not plan.resolved.is_single:
+                    raise expected("--savings", "a picture of one volume", "layers or meshes")
                 image = renderer.draw(plan)
                 if how.savings:
                     print("\n".join(measure_savings(renderer, plan.first)))
