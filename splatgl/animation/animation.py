@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,7 +30,7 @@ from splatgl.planning.bricks import Bricks, excess_bricks, required_bricks
 from splatgl.planning.culling import order_for
 from splatgl.planning.resolve import has_streaks
 from splatgl.planning.scene import Scene, moments_per_frame
-from splatgl.scene.open_scene import OpenScene, provenance_of, without_background
+from splatgl.scene.open_scene import OpenScene, print_lines, provenance_of, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FIT_ALL, FIT_OF_0_3
 from splatgl.splat.motion import Motion, flow_of
@@ -302,7 +301,7 @@ def _tell_size(camera: Camera, still: Camera, subject: Bounded, series: bool) ->
     if abs(ratio - 1) > ALIKE:
         whole = "the whole of each volume of the series" if series else "the whole turn"
         note = f"the camera fits {whole}: frame 0 is {ratio:.3g} times as large as the picture of render"
-        print(f"splatgl: {note}; --zoom changes it", file=sys.stderr)
+        print_lines([f"{note}; --zoom changes it"])
 
 
 def _bands(scene: OpenScene, flow: float | None) -> int:

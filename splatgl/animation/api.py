@@ -15,7 +15,8 @@ from splatgl.errors import USER_ERRORS, error_prefix, expected
 from splatgl.fileio import check_source, within, write_file
 from splatgl.options import OptionGroup, is_number, keyword, keywords_of, names_of, non_default
 from splatgl.scene.api import scene_of, ungrouped, with_groups
-from splatgl.scene.draw import DrawOptions, WorkerOptions, print_lines, progress_bar
+from splatgl.scene.draw import DrawOptions, WorkerOptions, progress_bar
+from splatgl.scene.open_scene import print_lines
 from splatgl.scene.scene_file import TRACK, SceneFile
 from splatgl.splat.kernels import require_built_in
 from splatgl.splat.settings import Settings

@@ -17,8 +17,7 @@ from splatgl.data.volume import Volume
 from splatgl.errors import expected, missing_extra
 from splatgl.fileio import atomic_write
 from splatgl.readers.remote import is_address
-from splatgl.scene.draw import print_lines
-from splatgl.scene.open_scene import OpenScene, look_notes, print_notes, series_look
+from splatgl.scene.open_scene import OpenScene, look_notes, print_lines, print_notes, series_look
 from splatgl.scene.scene_file import SceneFile
 
 # codec and its options; a smaller crf gives a larger file: these values are visually lossless

@@ -15,8 +15,8 @@ from splatgl.cli.output import OutputOptions
 from splatgl.cli.parser import BAD_INPUT, one_line
 from splatgl.errors import USER_ERRORS, InputError, error_text, expected
 from splatgl.fileio import write_file
-from splatgl.scene.draw import DrawOptions, WorkerOptions, draw, print_lines, progress_bar
-from splatgl.scene.open_scene import OpenScene, look_notes, series_look
+from splatgl.scene.draw import DrawOptions, WorkerOptions, draw, progress_bar
+from splatgl.scene.open_scene import OpenScene, look_notes, print_lines, series_look
 
 if TYPE_CHECKING:
     from splatgl.data.affine import World

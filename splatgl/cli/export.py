@@ -8,7 +8,6 @@ the mean of values would lose the thread.
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,15 +21,14 @@ from splatgl.cli.options import add_source, add_transfer, scene_from, volume_sou
 from splatgl.cli.parser import add_option, add_options
 from splatgl.data.arrays import Window
 from splatgl.data.color import srgb_from_linear
-from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Places, Volume, triple, with_parts
 from splatgl.errors import expected, import_extra, missing_extra
 from splatgl.fileio import atomic_folder, check_folder, check_output, check_source
 from splatgl.geometry.clipping import crop_ends
 from splatgl.options import Kind, declared
-from splatgl.readers import load
+from splatgl.readers import load_source
 from splatgl.scene.draw import progress_bar
-from splatgl.scene.open_scene import print_notes
+from splatgl.scene.open_scene import print_lines, print_notes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.extract import extract
 from splatgl.transfer.regions import OPAQUE, extinction_of
@@ -59,18 +57,15 @@ def run_convert(args: argparse.Namespace) -> int:
     times = options.pop("time", None)
 
     def open_time(number: int | str | None) -> Volume:
-        is_scene = source in SCENES and not options
-        given: dict[str, Any] = {} if number is None else {"time": number}
-        volume = SCENES[source]() if is_scene else load(source, **options, **given)
+        volume = load_source(source, **options if number is None else {**options, "time": number})
         return crop_volume(volume, args.crop) if args.crop else volume
 
     volume, numbers = _read_times(open_time, times, "times" in target.holds and "array" not in options)
     print_notes(volume, args.quiet, has_times=numbers is not None)
     count = len(numbers or (0,))
     notes = save(volume, output, count, lambda n: open_time(numbers[n]) if numbers else volume)
+    print_lines(notes, args.quiet)
     if not args.quiet:
-        for note in notes:
-            print(f"splatgl: {note}", file=sys.stderr)
         size = " × ".join(map(str, volume.shape[::-1])) + f", {count} time points" * (count > 1)
         print(f"{output}: {target.title}, {size}")
     return 0
@@ -140,7 +135,7 @@ def run_surface(args: argparse.Namespace) -> int:
         check_source(target, source)
     for module, library in (("skimage.measure", "scikit-image"), ("trimesh", "trimesh")):
         import_extra(module, "surfaces", library, EXTRA)
-    volume = SCENES[source]() if source in SCENES and not options else load(source, **options)
+    volume = load_source(source, **options)
     print_notes(volume, args.quiet)
     volume = crop_volume(volume, args.crop) if args.crop else volume
     for value, target in targets.items():

@@ -19,7 +19,6 @@ from splatgl.data.affine import METRES, World
 from splatgl.data.color import CHANNEL_COLORS, color_of_dye
 from splatgl.data.mask import parse_mask
 from splatgl.data.mesh import OF_VOLUME, Mesh, cap_meshes
-from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, error_prefix, expected
 from splatgl.geometry.camera import Camera, Part
@@ -36,7 +35,7 @@ from splatgl.planning.resolve import (
     extract_for_settings,
     samples_per_pixel,
 )
-from splatgl.readers import load
+from splatgl.readers import load_source
 from splatgl.splat.extract import extract
 from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces
@@ -566,7 +565,7 @@ Others = Mapping[str, Any]
 def volume_of(x: Any, _: Others | None = None) -> Volume:
     """The volume of a file, an address, a built-in scene, an array, or an image of another library."""
     if isinstance(x, str | Path):
-        return SCENES[str(x)]() if str(x) in SCENES else load(x)
+        return load_source(str(x))
     if x is None or isinstance(x, Mapping | Camera | Transfer | Settings | Scene | Splats):
         raise TypeError
     return Volume.of(x)

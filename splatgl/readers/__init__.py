@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.coercion import public
+from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import Choice, InputError, error_prefix, expected, warn
 from splatgl.fileio import decode_text, require_existing
@@ -37,6 +38,11 @@ def formats() -> tuple[Format, ...]:
 
 # most characters of a message after the path: some quote the file
 LINE_LIMIT = 400
+
+
+def load_source(source: str, **options: Any) -> Volume:
+    """The volume of a built-in scene, or, with options, of a file or address, as of `load`."""
+    return SCENES[source]() if source in SCENES and not options else load(source, **options)
 
 
 @with_keywords(keywords_of(LoadOptions))

@@ -22,7 +22,7 @@ from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, format_bytes, parse_bytes
 from splatgl.opengl import OpenGL
 from splatgl.options import Group, Kind, check_options, declared, no_effect, option
-from splatgl.scene.open_scene import PATIENCE, OpenScene, channel_layers, provenance_of
+from splatgl.scene.open_scene import PATIENCE, OpenScene, channel_layers, print_lines, provenance_of
 from splatgl.scene.slice_sheet import draw_slices
 from splatgl.splat.settings import Settings
 
@@ -368,12 +368,6 @@ def _shows(image: Image) -> bool:
     return bool(image.info["splats"] or image.info.get("triangles"))
 
 
-def print_lines(notes: Sequence[str], is_quiet: bool) -> None:
-    """Prints notes on standard error, unless it is to be quiet."""
-    for note in () if is_quiet else notes:
-        print(f"splatgl: {note}", file=sys.stderr)
-
-
 def depths_of(scene: OpenScene | SubjectView, at: float | str | None) -> np.ndarray:
     """Depths float64 [H, W] of a scene. at: share of absorbed light, max or min; None: ½, or the value of the blend.
     Raises InputError for splats.
@@ -408,8 +402,7 @@ def progress_bar(unit: str, is_quiet: bool, alike: bool = False) -> Iterator[Cal
         lines = ProgressLines(unit, alike)
 
         def show(done: int, total: int) -> None:
-            for line in lines.after(done, total, bar is None):
-                print(f"splatgl: {line}", file=sys.stderr)
+            print_lines(lines.after(done, total, bar is None))
             if bar is not None:
                 bar.total = total
                 bar.update(done - bar.n)

@@ -102,9 +102,7 @@ class OpenScene:
         meshes += self.file.vectors.meshes(self.volume)
         planes = [Slice(text) for text in self.file.slice_planes]
         scene = Scene(self._visible_layers(), self.file.settings.clip, meshes, planes)
-        if not self.is_quiet:
-            for note in scene.notes:
-                print(f"splatgl: {note}", file=sys.stderr)
+        print_lines(scene.notes, self.is_quiet)
         return scene
 
     def own_layers(self) -> list[Layer]:
@@ -300,8 +298,13 @@ def print_notes(
     notes = [note for note in volume.notes if not (has_times and note.endswith(TIME_HINT))]
     if len(volume.channels) > 1 and is_alone:
         notes.append(f"channel {volume.channels[0].name} of {len(volume.channels)} is taken: --channel picks another")
+    print_lines([f"{Path(layer).name}: {note}" for note in notes] if layer else notes, is_quiet)
+
+
+def print_lines(notes: Sequence[str], is_quiet: bool = False) -> None:
+    """Prints notes on standard error, unless it is to be quiet."""
     for note in () if is_quiet else notes:
-        print(f"splatgl: {Path(layer).name}: {note}" if layer else f"splatgl: {note}", file=sys.stderr)
+        print(f"splatgl: {note}", file=sys.stderr)
 
 
 # delay of progress bars in seconds

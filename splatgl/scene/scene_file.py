@@ -52,7 +52,7 @@ from splatgl.options import (
     option,
     refuse_unknown,
 )
-from splatgl.readers import find_labels, load
+from splatgl.readers import find_labels, load_source
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import (
@@ -508,7 +508,7 @@ class SceneFile:
         if self.held is not None:
             return self._prepare(self.held)
         if self.volume in SCENES and not self.load:
-            return self._mask(SCENES[self.volume]())
+            return self._mask(load_source(self.volume))
         if self.volume in SCENES and not Path(self.volume).exists():
             raise expected("options", "none of reading for a built-in scene", ", ".join(self.load), "leave them out")
         if is_mesh(self.volume):
@@ -516,7 +516,7 @@ class SceneFile:
                 raise expected("options", "none of volumes for a mesh", ", ".join(self.load), "leave them out")
             refuse_volume_options(self.volume, ["scissors"] if self.scissors and not self.layers else [])
             return stage([MeshFile(self.volume).open()], Path(self.volume).name)
-        return self._prepare(load(self.volume, **self.load))
+        return self._prepare(load_source(self.volume, **self.load))
 
     def _mask(self, volume: Volume) -> Volume:
         for mask in self.mask or ():

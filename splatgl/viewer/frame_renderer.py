@@ -18,7 +18,7 @@ from splatgl.gl.screen import Screen, ScreenStyle
 from splatgl.planning.culling import FAITHFUL
 from splatgl.planning.plan import Blurred, ResolvedLayer
 from splatgl.planning.resolve import has_streaks
-from splatgl.scene.draw import print_lines
+from splatgl.scene.open_scene import print_lines
 from splatgl.splat.motion import Motion
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats, as_points

@@ -16,9 +16,8 @@ from splatgl.errors import Choice, InputError
 from splatgl.planning.scene import MOST_LAYERS
 from splatgl.readers import list_volumes
 from splatgl.readers.remote import is_address
-from splatgl.scene.draw import print_lines
 from splatgl.scene.meshes import MeshFile, Vectors, is_mesh, read_meshes, source_key
-from splatgl.scene.open_scene import look_notes, series_look
+from splatgl.scene.open_scene import look_notes, print_lines, series_look
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import FAINTLY, faint_share
 from splatgl.splat.settings import Settings
