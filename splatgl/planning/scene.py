@@ -345,10 +345,6 @@ class Scene:
         layers = list(zip(self.splats(settings), clipped, strict=True))
         return [layer for layer in layers if len(layer[0])] or layers[:1]
 
-    def moments(self, camera: Camera, settings: Settings, motion: Motion) -> int:
-        """Number of pictures whose mean a moving picture is: that of the fastest layer; 1: a sharp picture."""
-        return count_layer_moments(self.drawn(settings), camera, settings, motion)
-
     @property
     def corners(self) -> np.ndarray:
         """Corners [N, 3], world units, of the boxes of opaque samples, and vertices of meshes."""
@@ -516,7 +512,7 @@ def _composited(layers: Sequence[ResolvedLayer]) -> tuple[ResolvedLayer, ...]:
 def count_layer_moments(
     layers: Sequence[tuple[Splats, Settings]], camera: Camera, settings: Settings, motion: Motion
 ) -> int:
-    """As `Scene.moments`, of the layers that a scene draws."""
+    """Number of pictures whose mean a moving picture of layers is: that of the fastest one; 1: a sharp picture."""
     if settings.moments is not None:
         return settings.moments
     if settings.motion == "off" or settings.shutter == 0:
@@ -527,7 +523,7 @@ def count_layer_moments(
 def moments_per_frame(subject: Splats | Scene, camera: Camera, settings: Settings, motion: Motion) -> int:
     """Number of pictures whose mean a moving picture is; 0: a sharp picture of splats, or streaks."""
     if isinstance(subject, Scene):
-        return subject.moments(camera, settings, motion)
+        return count_layer_moments(subject.drawn(settings), camera, settings, motion)
     is_mean = settings.shutter > 0 and blur_form(subject, settings) == "moments"
     return count_moments(subject, camera, motion, settings.shutter) if is_mean else 0
 

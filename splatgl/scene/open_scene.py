@@ -33,7 +33,7 @@ from splatgl.transfer.statistics import SAMPLED_STEPS, mean_deviation, sampled_s
 from splatgl.transfer.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.geometry.camera import Bounded, Camera, Part
+    from splatgl.geometry.camera import Bounded, Camera
     from splatgl.geometry.clipping import Plane
     from splatgl.planning.scene import Layer, Scene
     from splatgl.splat.splats import Splats
@@ -240,9 +240,9 @@ def cut_scene(file: SceneFile, volume: Volume) -> tuple[SceneFile, Volume]:
 
     Scissors without a camera take the view of the whole. The view is fitted to the crop, or to a box with numbers.
     """
-    if file.scissors:
-        from splatgl.geometry.camera import Part
+    from splatgl.geometry.camera import Part
 
+    if file.scissors:
         whole = OpenScene.of(replace(file, scissors=()), volume)
         camera = whole.camera
         scissors = tuple(each.seen_by(camera, volume.world) for each in file.scissors)
@@ -250,7 +250,10 @@ def cut_scene(file: SceneFile, volume: Volume) -> tuple[SceneFile, Volume]:
         file = replace(file, scissors=scissors, view=view)
         volume = cut_volume(volume, scissors)
     file = file.cut(volume)
-    return (replace(file, view=file.view.fitted(annotated_part(volume))) if "box" in file.annotate else file), volume
+    if "box" in file.annotate:
+        corners = volume.center + (volume.corners - volume.center) * ROOM
+        file = replace(file, view=file.view.fitted(Part(corners, volume.frame)))
+    return file, volume
 
 
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
@@ -320,13 +323,6 @@ def extraction_bar(parts: Iterator[Any], count: int) -> Iterator[Any]:
     except ImportError:
         return parts
     return iter(tqdm(parts, "extracting", total=count, unit="part", delay=PATIENCE, leave=False))
-
-
-def annotated_part(volume: Volume) -> Part:
-    """The part that a view is fitted to which shows a volume's box and its numbers."""
-    from splatgl.geometry.camera import Part
-
-    return Part(volume.center + (volume.corners - volume.center) * ROOM, volume.frame)
 
 
 def without_background(settings: Settings, names: tuple[str, ...]) -> Settings:

@@ -13,7 +13,7 @@ import splatgl as sg
 from splatgl import reference
 from splatgl.cli.main import main
 from splatgl.gl import layers as layer_tiles
-from splatgl.planning.scene import join_pictures
+from splatgl.planning.scene import join_pictures, moments_per_frame
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import Technique
@@ -252,7 +252,8 @@ def test_moving_layers_are_the_mean_of_their_moments(renderer: sg.Renderer, fiel
     assert np.abs(image.pixels - np.mean(parts, axis=0)).max() < 1e-6
     assert image.info["moments"] == 2 and np.abs(image.pixels - still.pixels).max() > 0.02
     # by itself a frame has as many as keep steps below 1.5 pixels
-    quick, slow = (field.moments(camera, PLAIN, sg.Motion(spin=(0, 0, each))) for each in (30.0, 1e-5))
+    turns = (sg.Motion(spin=(0, 0, each)) for each in (30.0, 1e-5))
+    quick, slow = (moments_per_frame(field, camera, PLAIN, turn) for turn in turns)
     assert quick > slow == 2
 
 
