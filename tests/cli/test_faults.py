@@ -129,7 +129,7 @@ def test_signals_of_schedulers_leave_no_part(sent: str, ignored: bool, tmp_path:
     program = f"""
 import os, signal, sys
 from pathlib import Path
-from splatgl.cli import convert
+from splatgl.cli import export
 from splatgl.cli.main import main
 from splatgl.fileio import atomic_folder
 
@@ -140,7 +140,7 @@ def write(args):
     return 0
 
 signal.signal(signal.{sent}, signal.{handler})
-convert.run = write
+export.run_convert = write
 sys.argv = ["splatgl", "convert", "v.npy", "out.zarr"]
 sys.exit(main())
 """
