@@ -305,8 +305,9 @@ def scene_of(x: Any, transfer: Any, camera: Any, settings: Any, keywords: Mappin
     if settings is not None:
         scene = replace(scene, settings=settings)
     if camera is not None:
-        viewing = [name for name in names_of(ViewOptions) if name in rest]
-        scene = replace(scene, view=_fixed(camera, viewing))
+        if viewing := [name for name in names_of(ViewOptions) if name in rest]:
+            raise expected("options", "no view beside a camera", ", ".join(viewing), "leave one of them out")
+        scene = replace(scene, view=ViewOptions(camera.size, fixed=camera))
     scene = scene.with_transfer(transfer).with_options(**rest)
     if are_splats:
         if not len(x):
@@ -325,13 +326,6 @@ def _source(x: Any, reading: dict[str, Any]) -> SceneFile:
     toml = path.endswith(".toml") and not is_address(path)
     scene = SceneFile.from_toml(Path(path)) if toml else SceneFile(path)
     return replace(scene, load={**scene.load, **reading})
-
-
-def _fixed(camera: Camera, viewing: list[str]) -> ViewOptions:
-    """Returns the view of a camera. Raises InputError for view options beside it."""
-    if viewing:
-        raise expected("options", "no view beside a camera", ", ".join(viewing), "leave one of them out")
-    return ViewOptions(camera.size, fixed=camera)
 
 
 def _transfer(transfer: Any) -> dict[str, Any]:
