@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from splatgl import __version__
 from splatgl.annotations.annotate import ROOM, check_size, with_time
@@ -44,19 +44,29 @@ if TYPE_CHECKING:
 LABELS = 512
 
 
+class LayerSource(NamedTuple):
+    """A file of a scene that is read. volume: masked and cut, in its own frame; layers: one for each channel."""
+
+    file: SceneFile
+    volume: Volume
+    layers: list[Layer]
+
+
 @dataclass(frozen=True, eq=False)
 class OpenScene:
     """A scene whose first volume is read; other layers and meshes are read once they are needed.
 
     file: the names and options; the planes of its clip and crop are in its settings, and its view shows a box with its
-    numbers. volume, transfer: of the first layer. is_quiet: whether notes on files are not printed. is_moving: whether
-    pictures are motion-blurred. fixed_camera: the camera that a level of detail was chosen for.
+    numbers. volume, transfer: of the first layer. is_quiet: whether notes on files are not printed. is_live: whether a
+    window shows it, in which hidden layers can be shown. is_moving: whether pictures are motion-blurred. fixed_camera:
+    the camera that a level of detail was chosen for.
     """
 
     file: SceneFile
     volume: Volume
     transfer: Transfer
     is_quiet: bool = True
+    is_live: bool = False
     is_moving: bool = False
     fixed_camera: Camera | None = None
 
@@ -72,14 +82,14 @@ class OpenScene:
         for layer in (layer for layer in file.layers if layer.held is None and layer.volume not in SCENES):
             require_source(layer.volume)
         print_notes(volume, is_quiet, has_times=is_live)
-        return cls.of(file, volume, is_quiet)
+        return cls.of(file, volume, is_quiet, is_live)
 
     @classmethod
-    def of(cls, file: SceneFile, volume: Volume, is_quiet: bool = True) -> OpenScene:
+    def of(cls, file: SceneFile, volume: Volume, is_quiet: bool = True, is_live: bool = False) -> OpenScene:
         """The scene of a file and its volume, which is in memory."""
         file, volume = cut_scene(file, volume)
         transfer = file.transfer_for(volume)
-        return cls(on_background(file, volume, transfer), volume, transfer, is_quiet)
+        return cls(on_background(file, volume, transfer), volume, transfer, is_quiet, is_live)
 
     @cached_property
     def is_single(self) -> bool:
@@ -105,22 +115,21 @@ class OpenScene:
         print_lines(scene.notes, self.is_quiet)
         return scene
 
-    def own_layers(self) -> list[Layer]:
-        """The layers of the first volume, one for each channel; of a single volume with its opacity in the transfer
-        function.
+    def read_layers(self) -> list[LayerSource]:
+        """The files of the visible layers, of a live scene all files. Of a single volume, the transfer function has the
+        opacity.
         """
-        if self.is_single:
-            return channel_layers(self.file, self.volume, self.transfer)
-        return source_layers(self.file, self.volume)
+        file, volume = self.file, self.volume
+        own = channel_layers(file, volume, self.transfer) if self.is_single else source_layers(file, volume)
+        others = (layer for layer in file.layers if layer.visible or self.is_live)
+        opened = (open_layer(layer, file, self.is_quiet, self.is_live) for layer in others)
+        return [LayerSource(file, volume, own), *opened]
 
     def _visible_layers(self) -> list[Layer]:
         """The layers; if none is visible, the first one, clear."""
-        layers, file = self.own_layers(), self.file
-        for layer in (layer for layer in file.layers if layer.visible):
-            channels = source_layers(*open_layer(layer, file, self.is_quiet))
-            layers += [replace(channel, surfaces=layer.surfaces) for channel in channels]
-        if file.surfaces is not None:
-            layers = _with_surfaces(layers, file)
+        layers = [layer for source in self.read_layers() for layer in source.layers]
+        if self.file.surfaces is not None:
+            layers = _with_surfaces(layers, self.file)
         if not any(layer.visible and layer.opacity for layer in layers):
             return [replace(layers[0], only_slices=True, opacity=1.0, visible=True)]
         return layers
@@ -332,18 +341,17 @@ def without_background(settings: Settings, names: tuple[str, ...]) -> Settings:
     return replace(settings, background=None) if "box" in names and not settings.is_sum else settings
 
 
-def open_layer(
-    layer: SceneFile, scene: SceneFile, is_quiet: bool = True, has_times: bool = False
-) -> tuple[SceneFile, Volume, tuple[Plane, ...] | None]:
-    """A layer of a scene, with the scene's mask and surfaces if it has none; its volume, masked and cut, in its own
-    frame; and the planes that clip it alone, None: the scene's. is_quiet, has_times: as of `print_notes`.
+def open_layer(layer: SceneFile, scene: SceneFile, is_quiet: bool = True, has_times: bool = False) -> LayerSource:
+    """Reads a layer of a scene, with the scene's mask and surfaces if it has none. is_quiet, has_times: as of
+    `print_notes`.
     """
     masked = replace(layer, mask=scene.mask) if layer.mask is None else layer
     source = replace(masked, surfaces=scene.surfaces) if layer.surfaces is None else masked
     volume = cut_volume(source.open(), scene.scissors)
     print_notes(volume, is_quiet, has_times=has_times, layer=source.volume)
     planes = None if source.clip is None and not source.crop else source.cut(volume).settings.clip
-    return source, volume, planes
+    layers = source_layers(source, volume, planes)
+    return LayerSource(source, volume, [replace(each, surfaces=layer.surfaces) for each in layers])
 
 
 def source_layers(file: SceneFile, volume: Volume, planes: tuple[Plane, ...] | None = None) -> list[Layer]:

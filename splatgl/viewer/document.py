@@ -23,7 +23,7 @@ from splatgl.geometry.clipping import Plane
 from splatgl.geometry.slices import Slice, parse_slices
 from splatgl.planning.scene import MOST_LAYERS, Layer, Scene
 from splatgl.scene.meshes import MeshFile, read_meshes, source_key, styled_mesh, surfaces_of
-from splatgl.scene.open_scene import OpenScene, on_background, open_layer, source_layers
+from splatgl.scene.open_scene import LayerSource, OpenScene, on_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV, ViewOptions
 from splatgl.splat.extract import Progress
@@ -75,7 +75,7 @@ class Document:
         )
         plain = replace(plain, slice_planes=(), crop="", clip=None)
         transfer = Transfer([(0, 0.0), (1, 0.5)])
-        layer = LayerSplats(volume.name, plain, (volume,) * len(STRIDES), transfer)
+        layer = LayerSplats(volume.name, plain, Layer(volume, transfer), (volume,) * len(STRIDES))
         for stride in STRIDES:
             layer.shell(stride)
         return cls(plain, {0: layer}, (LayerStyle(transfer),), is_loading=True)
@@ -96,9 +96,7 @@ class Document:
         scene, volume = opened.file, opened.volume
         # refuses a bad one
         Movie.of(scene.animation, volume)
-        pairs = _styled(scene, volume, opened.own_layers(), scene.settings)
-        for source in scene.layers:
-            pairs += read_layer(source, scene, quiet)
+        pairs = [pair for source in opened.read_layers() for pair in styled_layers(source, scene.settings)]
         layers = dict(enumerate(layer for layer, _ in pairs))
         styles = tuple(replace(style, number=number) for number, (_, style) in enumerate(pairs))
         files = tuple(surfaces_of(scene))
@@ -314,7 +312,7 @@ class Document:
 
     def _shown_at(self, stride: int) -> list[Layer]:
         first = self.layers[0]
-        clear = replace(first.layer_at(stride), only_slices=True, held=partial(first.none_at, stride))
+        clear = replace(first.layer_at(stride), only_slices=True, opacity=1.0, held=partial(first.none_at, stride))
         return [layer.layer_at(stride) for layer in self._visible] or [clear]
 
     @property
@@ -348,33 +346,24 @@ def _fov(camera: Camera) -> float:
     return float(np.degrees(2 * np.arctan(camera.extent / 2))) if camera.perspective else FOV
 
 
-def read_layer(source: SceneFile, scene: SceneFile, quiet: bool = False) -> list[tuple[LayerSplats, LayerStyle]]:
-    """Layers and styles of a file that is laid over a scene, one for each channel. Raises InputError as its reader."""
-    _, volume, planes = open_layer(source, scene, quiet, has_times=True)
-    return _styled(source, volume, source_layers(source, volume, planes), scene.settings)
-
-
-def _styled(
-    source: SceneFile, volume: Volume, channels: Sequence[Layer], settings: Settings
-) -> list[tuple[LayerSplats, LayerStyle]]:
-    """Layer and style of each channel of a source."""
-    pairs = []
-    for number, channel in enumerate(channels):
-        scene = replace(source, settings=settings, layers=(), meshes=())
+def styled_layers(source: LayerSource, settings: Settings) -> list[tuple[LayerSplats, LayerStyle]]:
+    """The layers of a source, and their styles. settings: of the scene."""
+    pairs, (file, volume, layers) = [], source
+    for number, layer in enumerate(layers):
+        scene, samples = replace(file, settings=settings, layers=(), meshes=()), layer.volume
         if len(volume.channels) > 1:
-            scene = replace(scene, load={**source.load, "channel": _channel(source.load.get("channel"), number)})
-        name = source.title * (len(volume.channels) < 2) or channel.volume.name or source.volume
-        assert channel.transfer is not None
-        style = LayerStyle(channel.transfer, source.threshold, 1.0, channel.opacity, source.visible)
-        style = style_with_segments(style, channel.volume, source.transfer)
+            scene = replace(scene, load={**file.load, "channel": _channel(file.load.get("channel"), number)})
+        name = file.title * (len(volume.channels) < 2) or samples.name or file.volume
+        assert layer.transfer is not None
+        style = LayerStyle(layer.transfer, layer.threshold, 1.0, layer.opacity, file.visible)
+        style = style_with_segments(style, samples, file.transfer)
         # the first has what is known of the file: its view and time points
-        samples = channel.volume
         if number == 0 < len(volume.channels) - 1:
             samples = replace(volume, channels=(), labels=samples.labels)
-        shown = Layer(samples, style.stated, threshold=source.threshold, clip=channel.clip, uncut=channel.uncut)
-        for part in shown.parts():
-            layer = LayerSplats.of_layer(name, scene, part)
-            pairs.append((layer, replace(style, scissors=layer.scissors)))
+        # a style says whether it is visible
+        for part in replace(layer, volume=samples, transfer=style.stated, visible=True).parts():
+            shown = LayerSplats.of_layer(name, scene, part)
+            pairs.append((shown, replace(style, scissors=shown.scissors)))
     return pairs
 
 

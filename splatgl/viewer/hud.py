@@ -141,7 +141,7 @@ def _splats(document: Document, frame: Frame) -> list[str]:
     notes = [document.stand_in.note] if document.stand_in and document.stand_in.note else []
     if frame.level.stride > 1 or 1 not in document.extracted:
         return [*notes, f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]
-    most = f"at most {first.threshold:g}" if first.threshold else "0"
+    most = f"at most {first.own.threshold:g}" if first.own.threshold else "0"
     left = f"the rest: opacity {most}{' around' * first.is_post_classified}"
     notes.append(f"{kept:,} of {total:,} voxels are splats ({left})")
     drawn = frame.info.get("drawn", kept - frame.hidden)

@@ -10,7 +10,6 @@ import numpy as np
 from splatgl.data.affine import World
 from splatgl.data.volume import Volume, halve_volume
 from splatgl.geometry.camera import Bounded
-from splatgl.geometry.clipping import Plane, check_planes
 from splatgl.geometry.scissors import Scissors, cut_volume
 from splatgl.planning.culling import Opaque, eye_is_outside, visible_shell
 from splatgl.planning.resolve import extraction_kind, why_per_splat
@@ -36,19 +35,16 @@ Kind = tuple[str, str]
 class LayerSplats:
     """Volume of a layer at each of STRIDES, finest first, and its splats.
 
-    scene: options of this layer alone. world: frame and unit of its file, of the transfer function and of `clip`, the
-    planes of the layer (None: the scene's); volumes are in the document's. stand_in: the part of the volume that is
-    shown. kind: of the splats. estimates: `counts` of the layer that this one replaces. cache: splats of each kind, all
-    and (True) without the hidden ones, by stride. Layers of one cache differ in their kind alone.
+    scene: options of this layer alone. own: the layer in the frame and unit of its file; volumes are in the document's.
+    stand_in: the part of the volume that is shown. kind: of the splats. estimates: `counts` of the layer that this one
+    replaces. cache: splats of each kind, all and (True) without the hidden ones, by stride. Layers of one cache differ
+    in their kind alone.
     """
 
     name: str
     scene: SceneFile
+    own: Layer
     volumes: tuple[Volume, ...]
-    transfer: Transfer
-    threshold: float = 0.0
-    world: World = World()
-    clip: tuple[Plane, ...] | None = None
     stand_in: StandIn | None = None
     kind: Kind = ("pre", "")
     estimates: tuple[int, ...] = (0,) * len(STRIDES)
@@ -63,10 +59,7 @@ class LayerSplats:
     @classmethod
     def of_layer(cls, name: str, scene: SceneFile, layer: Layer) -> LayerSplats:
         """The voxels of a layer, or their first stand-in, without splats."""
-        volume, transfer = layer.volume, layer.seen
-        shown = choose_stand_in(volume, transfer, scene.settings)
-        clip = None if layer.clip is None else check_planes(layer.clip)
-        return cls(name, scene, (), transfer, layer.threshold, volume.world, clip).with_stand_in(shown)
+        return cls(name, scene, layer, ()).with_stand_in(choose_stand_in(layer.volume, layer.faded, scene.settings))
 
     def with_stand_in(self, shown: StandIn) -> LayerSplats:
         """The layer with the voxels of a stand-in, without splats."""
@@ -83,6 +76,16 @@ class LayerSplats:
     def volume(self) -> Volume:
         """The volume at full resolution."""
         return self.volumes[0]
+
+    @property
+    def world(self) -> World:
+        """Frame and unit of its file."""
+        return self.own.volume.world
+
+    @cached_property
+    def transfer(self) -> Transfer:
+        """The transfer function with the opacity of the layer."""
+        return self.own.faded
 
     @cached_property
     def stored(self) -> Volume:
@@ -146,13 +149,12 @@ class LayerSplats:
     @cached_property
     def drawn(self) -> Layer:
         """The layer of a scene in the document's frame and unit of length."""
-        own = Layer(self.stored, self.transfer, threshold=self.threshold, clip=self.clip)
-        return own.placed(*self.volume.world)
+        return replace(self.own, volume=self.stored).placed(*self.volume.world)
 
-    @property
+    @cached_property
     def look(self) -> Transfer:
-        """The transfer function in the document's unit of length."""
-        return self.drawn.seen
+        """The transfer function with the opacity of the layer, in the document's unit of length."""
+        return self.drawn.faded
 
     def at(self, stride: int, progress: Progress | None = None) -> Splats:
         """The splats at a stride; opacities are per the finest volume's spacing at every stride. progress: as of
@@ -165,7 +167,7 @@ class LayerSplats:
             how, kernel = self.kind
             # previews drop nearly transparent splats
             how = "post-lean" if how == "post" and stride > 1 else how
-            self.made[stride] = extract(volume, self.look, self.threshold, None, progress, how, kernel)
+            self.made[stride] = extract(volume, self.look, self.own.threshold, None, progress, how, kernel)
         return self.made[stride]
 
     def layer_at(self, stride: int) -> Layer:
@@ -206,17 +208,17 @@ class LayerSplats:
         """The layer without any splats: they may hold values extracted for another transfer function."""
         return replace(self, cache={})
 
-    def with_transfer(self, transfer: Transfer, threshold: float) -> LayerSplats:
-        """A copy with another transfer function, which keeps the splats whose values serve both."""
+    def with_own(self, own: Layer) -> LayerSplats:
+        """A copy with another look, which keeps the splats whose values serve both."""
         kind = next((kind for kind, _ in self.cache.copy() if kind[0] != "pre"), self.kind)
-        look = replace(self, transfer=transfer).look.on(self.volume)
+        edited = replace(self, own=own, kind=kind, estimates=self.counts)
+        look = edited.look.on(self.volume)
         made = {
             stride: splats.with_classifier(splats.post.with_transfer(look))
-            for stride, splats in replace(self, kind=kind).made.copy().items()
-            if splats.post is not None and splats.holds(transfer)
+            for stride, splats in edited.made.copy().items()
+            if splats.post is not None and splats.holds(edited.transfer)
         }
-        cache = {(kind, False): made, (kind, True): made.copy()}
-        return replace(self, transfer=transfer, threshold=threshold, kind=kind, estimates=self.counts, cache=cache)
+        return replace(edited, cache={(kind, False): made, (kind, True): made.copy()})
 
     def coarse(self) -> LayerSplats:
         """The layer with the splats of the coarsest stride alone."""
@@ -225,8 +227,11 @@ class LayerSplats:
 
     def for_style(self, style: LayerStyle, settings: Settings, moving: bool = False) -> LayerSplats:
         """The layer in a style, with splats of the kind that the settings take; this one if nothing changes."""
-        same = (style.transfer, style.threshold) == (self.transfer, self.threshold)
-        return (self if same else self.with_transfer(style.transfer, style.threshold)).for_settings(settings, moving)
+        look = style.stated, style.opacity, style.threshold
+        if look == (self.own.transfer, self.own.opacity, self.own.threshold):
+            return self.for_settings(settings, moving)
+        own = replace(self.own, transfer=look[0], opacity=look[1], threshold=look[2])
+        return self.with_own(own).for_settings(settings, moving)
 
     @property
     def scissors(self) -> tuple[Scissors, ...]:
@@ -248,7 +253,7 @@ class LayerSplats:
         """
         # pre where volume or settings allow nothing else
         requested = settings.but(classification="auto") if settings.classification == "post" else settings
-        why = why_only_pre(self.volume, self.transfer, self.threshold)
+        why = why_only_pre(self.volume, self.transfer, self.own.threshold)
         kind = extraction_kind(requested, moving, why, self.volume.count)
         if kind == self.kind:
             # values kept for other transfer functions do not hold here
@@ -261,4 +266,4 @@ class LayerSplats:
 
     def why_pre_classified(self, settings: Settings, moving: bool) -> str | None:
         """The reason why splats are classified before reconstruction; None if the settings allow either."""
-        return why_only_pre(self.volume, self.transfer, self.threshold) or why_per_splat(settings, moving)
+        return why_only_pre(self.volume, self.transfer, self.own.threshold) or why_per_splat(settings, moving)

@@ -17,12 +17,12 @@ from splatgl.planning.scene import MOST_LAYERS
 from splatgl.readers import list_volumes
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import MeshFile, Vectors, is_mesh, read_meshes, source_key
-from splatgl.scene.open_scene import look_notes, print_lines, series_look
+from splatgl.scene.open_scene import look_notes, open_layer, print_lines, series_look
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import FAINTLY, faint_share
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES
-from splatgl.viewer.document import Document, read_layer
+from splatgl.viewer.document import Document, styled_layers
 from splatgl.viewer.files import Watch, watched_files
 from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.layer_splats import LayerSplats
@@ -270,11 +270,9 @@ class Files:
         meshes = tuple(MeshFile(path) for path in paths if is_mesh(path))
 
         def read() -> Added:
-            sources, open_layers = (
-                (SceneFile(path) for path in paths if not is_mesh(path)),
-                partial(read_layer, scene=scene),
-            )
-            parts = tuple(part for source in sources for part in _read_first(source, open_layers)[0])
+            open_it = partial(open_layer, scene=scene, is_quiet=False, has_times=True)
+            sources = [_read_first(SceneFile(path), open_it)[0] for path in paths if not is_mesh(path)]
+            parts = tuple(part for source in sources for part in styled_layers(source, scene.settings))
             for layer, _ in parts:
                 layer.shell(STRIDES[-1])
             return Added(parts, meshes, read_meshes(meshes))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -95,7 +96,8 @@ def test_contents_keep_opacities_a_length(volume: sg.Volume, tmp_path: Path, mon
     assert set(lengths) == {1.0}
     assert finer.volume.count < volume.count / 7 and finer.stand_in and finer.stand_in.finer is None
     # what is edited stays the same portion
-    edited = finer.layers[0].with_transfer(sg.Transfer([(0.3, 0.0), (0.8, 0.1)]), 0.0)
+    layer, transfer = finer.layers[0], sg.Transfer([(0.3, 0.0), (0.8, 0.1)])
+    edited = layer.with_own(replace(layer.own, transfer=transfer, threshold=0.0))
     assert edited.stand_in is finer.stand_in and edited.volumes is finer.layers[0].volumes
 
 

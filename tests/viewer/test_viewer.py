@@ -956,10 +956,11 @@ def test_more_splats_than_can_be_held(monkeypatch: pytest.MonkeyPatch, scene: Sc
     volume = blob(48)
     volumes = (volume, halve_volume(volume), halve_volume(volume), halve_volume(volume))
     layer = replace(Document.open(scene).layers[0], volumes=volumes)
-    changed = layer.with_transfer(sg.Transfer([(-1, 0.5)]), 0.0)
+    changed = layer.with_own(replace(layer.own, transfer=sg.Transfer([(-1, 0.5)]), threshold=0.0))
     changed.shell(2)
     assert changed.exceeds_budget
-    assert not layer.with_transfer(sg.Transfer([(39, 0.0), (40, 0.5)]), 0.0).exceeds_budget
+    few = replace(layer.own, transfer=sg.Transfer([(39, 0.0), (40, 0.5)]), threshold=0.0)
+    assert not layer.with_own(few).exceeds_budget
 
 
 def test_values_that_are_kept_serve_no_threshold(scene: SceneFile) -> None:
