@@ -20,7 +20,7 @@ from splatgl.viewer.commands import Add, Copy, CopyText, Effect, Leave, Open, Op
 from splatgl.viewer.document import Document
 from splatgl.viewer.files import ADD, OPEN, SAVE, Dialogs
 from splatgl.viewer.jobs import Done, Kind
-from splatgl.viewer.loading import Added, Left, Loaded, Opened, Reloaded, TimePoint
+from splatgl.viewer.loading import Left, Loaded, Opened
 from splatgl.viewer.movie_track import stop_preview
 from splatgl.viewer.recorder import movie_command, movie_scene
 from splatgl.viewer.saving import (
@@ -296,24 +296,25 @@ class Performer:
         if done.error is not None:
             self._apply_error(done.kind, done.error)
             return
-        match done.value:
-            case Added():
+        match done.kind:
+            case Kind.ADD:
                 viewer.history.note(viewer.state)
                 viewer.state, document = done.value.added_to(viewer.state, viewer.document)
                 state = viewer.state
                 viewer.take(document)
                 viewer.files.refine(document.with_styles(state.styles, state.mesh_files, state.settings))
                 viewer.touch()
-            case Reloaded() if done.value.is_outdated(viewer.document):
-                pass
-            case Opened() | Reloaded() | TimePoint():
-                self._apply_loaded(done.value)
-            case _:
+            case Kind.EXTRACT:
                 viewer.clear_message(EXTRACTING)
                 viewer.refiner.renew(viewer.document.counts, prod(viewer.size))
                 # all time points have the view of the first
                 if viewer.state.pose is viewer.home and 1 in viewer.document.extracted and viewer.files.time == 0:
                     self._fit_home()
+            case Kind.REFINE if done.value.scene is not viewer.document.scene:
+                # of a document that is no longer shown
+                pass
+            case _:
+                self._apply_loaded(done.kind, done.value)
 
     def _apply_error(self, kind: Kind, error: BaseException) -> None:
         viewer = self.viewer
@@ -330,25 +331,23 @@ class Performer:
             # finer voxels waited for the file
             viewer.files.refine(viewer.document)
 
-    def _apply_loaded(self, loaded: Loaded) -> None:
+    def _apply_loaded(self, kind: Kind, loaded: Loaded) -> None:
         """Shows a loaded file. A reloaded one keeps its view unless its scene file changed; a time point keeps all."""
-        viewer = self.viewer
-        document, shown = loaded.document, viewer.document
-        if not (isinstance(loaded, Reloaded) and loaded.is_finer):
+        viewer, shown = self.viewer, self.viewer.document
+        if kind is not Kind.REFINE:
             viewer.clear_message(OPENING)
             viewer.clear_message(READING)
         if isinstance(loaded, Opened):
+            document = loaded.document
             viewer.recent = viewer.recent.opened(loaded.path or viewer.options.source)
             self._begin(loaded)
             if loaded.reopen is not None:
                 viewer.files.follow(loaded)
         else:
-            document = document.with_additions(shown)
-            if isinstance(loaded, TimePoint):
-                viewer.files.time = loaded.number
-            elif not loaded.is_finer:
-                viewer.files.time = 0
-            is_reloaded = isinstance(loaded, Reloaded)
+            document, number = loaded if isinstance(loaded, tuple) else (loaded, 0)
+            document, is_reloaded = document.with_additions(shown), kind is not Kind.TIME_POINT
+            if kind is not Kind.REFINE:
+                viewer.files.time = number
             if is_reloaded and not document.is_described_as(shown):
                 is_edited = viewer.history.has_unsaved_edits(viewer.state)
                 self._begin(Opened(document))

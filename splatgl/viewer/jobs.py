@@ -46,7 +46,6 @@ class Done:
     """A finished job, and its value or the error it raised."""
 
     kind: Kind
-    name: str = ""
     value: Any = None
     error: BaseException | None = None
 
@@ -112,9 +111,9 @@ class Jobs:
                 name, work = self.waiting.pop((kind, key))
                 self.running = kind, name
             try:
-                done = Done(kind, name, work())
+                done = Done(kind, work())
             except BaseException as error:  # the window's thread shows or raises it
-                done = Done(kind, name, error=error)
+                done = Done(kind, error=error)
             with self.lock:
                 # at once, so that the job has ended when it is collected
                 self.done.append(done)

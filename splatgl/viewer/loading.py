@@ -129,26 +129,6 @@ class Opened:
 
 
 @dataclass(frozen=True, eq=False)
-class Reloaded:
-    """The document of a file that changed, or with finer voxels of the same file."""
-
-    document: Document
-    is_finer: bool = False
-
-    def is_outdated(self, shown: Document) -> bool:
-        """Whether the finer voxels are of another document than the visible one."""
-        return self.is_finer and self.document.scene is not shown.scene
-
-
-@dataclass(frozen=True, eq=False)
-class TimePoint:
-    """A time point of a series, and its number."""
-
-    document: Document
-    number: int
-
-
-@dataclass(frozen=True, eq=False)
 class Added:
     """Layers and meshes that are added to the document. read: data of the meshes, by `source_key`."""
 
@@ -199,7 +179,8 @@ class Left:
     files: tuple[Any, ...]
 
 
-Loaded = Opened | Reloaded | TimePoint
+# of a file that changed, or with finer voxels, the document; of a series, a time point and its number
+Loaded = Opened | Document | tuple[Document, int]
 
 
 # --- files ------------------------------------------------------------------------------------------------------------
@@ -300,7 +281,7 @@ class Files:
             # notes on the first are printed where it is opened
             quiet = scene.volume in {self.times[0].volume, *self.printed}
             self.printed.add(scene.volume)
-            work = lambda: TimePoint(Document.open(scene, quiet), number)  # noqa: E731
+            work = lambda: (Document.open(scene, quiet), number)  # noqa: E731
             self._read(Kind.TIME_POINT, f"reading time {number}", work)
 
     def cancel(self) -> bool:
@@ -314,7 +295,7 @@ class Files:
     def refine(self, document: Document) -> None:
         """Reads the finer voxels of a document, if there are any."""
         if document.has_finer and not self.opening:
-            self._read(Kind.REFINE, "reading finer voxels", lambda: Reloaded(document.refined(), is_finer=True))
+            self._read(Kind.REFINE, "reading finer voxels", document.refined)
 
     def check(self, state: State, now: float) -> State:
         """Reloads the file if it has changed; returns the state with a message while it is missing."""
@@ -370,11 +351,11 @@ def _opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> Opened:
     return Opened(document, times if len(times) > 1 else (), options, note=_first_note(document))
 
 
-def _reloaded(reopen: Reopen, times: tuple[SceneFile, ...]) -> Reloaded:
+def _reloaded(reopen: Reopen, times: tuple[SceneFile, ...]) -> Document:
     """The document of a file that changed, in the look of its series. times: the scenes of the time points before."""
     scene, files = reopen(), dict.fromkeys(point.volume for point in times)
     times = tuple(replace(scene, volume=file) for file in files) if len(files) > 1 else ()
-    return Reloaded(_opened(scene, times).document)
+    return _opened(scene, times).document
 
 
 def _first_note(document: Document) -> str:

@@ -22,7 +22,7 @@ from splatgl.viewer.document import Document
 from splatgl.viewer.effects import CHANGED, Performer
 from splatgl.viewer.files import Recent, Watch
 from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
-from splatgl.viewer.loading import Added, Files, Loaded, Opened, Reloaded, TimePoint, open_document
+from splatgl.viewer.loading import Added, Files, Loaded, Opened, open_document
 from splatgl.viewer.state import History, State, stated_transfers
 from splatgl.viewer.viewer import LEAVING, Options, Viewer
 from tests.helpers.blobs import LONGEST, SIZE, blob
@@ -100,18 +100,32 @@ def test_meshes_stay_with_what_is_read_meanwhile(folder: Path) -> None:
     pytest.importorskip("trimesh")
     document = Document.open(SceneFile(str(folder / "a.npy")))
     mesh = MeshFile(str(folder / "m.off"))
-    for news in (
-        Reloaded(replace(document), is_finer=True),
-        TimePoint(Document.open(SceneFile(str(folder / "b.npy"))), 1),
-        Reloaded(Document.open(SceneFile(str(folder / "a.npy")))),
+    for kind, news in (
+        (Kind.REFINE, replace(document)),
+        (Kind.TIME_POINT, Document.open(SceneFile(str(folder / "b.npy")))),
+        (Kind.RELOAD, Document.open(SceneFile(str(folder / "a.npy")))),
     ):
         viewer = WithoutWindow(document, files())
-        viewer.performer.apply(Done(Kind.ADD, "reading m.off", Added((), (mesh,), read_meshes([mesh]))))
+        viewer.performer.apply(Done(Kind.ADD, Added((), (mesh,), read_meshes([mesh]))))
         assert not document.meshes
-        viewer.performer.apply(Done(Kind.RELOAD, "reading", news))
+        viewer.performer.apply(Done(kind, (news, 1) if kind is Kind.TIME_POINT else news))
         assert viewer.document is not document and viewer.state.mesh_files == (mesh,)
         shown = viewer.document.with_styles(viewer.state.styles, viewer.state.mesh_files, viewer.state.settings)
-        assert len(shown.meshes) == 1 and shown.volume is news.document.volume
+        assert len(shown.meshes) == 1 and shown.volume is news.volume
+
+
+def test_finer_voxels_of_what_is_no_longer_shown_are_not_taken(folder: Path) -> None:
+    """Of another document; another file is taken whatever is shown, and an edited document stays the same."""
+    shown, other = (Document.open(SceneFile(str(folder / f"{name}.npy"))) for name in "ab")
+    viewer = WithoutWindow(shown, files())
+    viewer.performer.apply(Done(Kind.REFINE, other))
+    assert viewer.document is shown
+    finer = replace(shown)
+    viewer.document = shown.with_styles((replace(shown.styles[0], extinction=2.0),), (), shown.scene.settings)
+    viewer.performer.apply(Done(Kind.REFINE, finer))
+    assert viewer.document.layers == finer.layers
+    viewer.performer.apply(Done(Kind.RELOAD, other))
+    assert viewer.document.scene is other.scene
 
 
 @pytest.mark.parametrize("kind", ["rising", "labels"])
@@ -146,7 +160,7 @@ def test_time_points_have_the_look_of_their_series(kind: str, folder: Path) -> N
     found.check(viewer.state, 1e9)
     found.check(viewer.state, 2e9)
     (done,) = all_done(found)
-    assert done.error is None and done.value.document.styles[0].stated == drawn[0]
+    assert done.error is None and done.value.styles[0].stated == drawn[0]
 
 
 def test_a_time_point_that_is_not_there_leaves_the_one_that_is_shown(folder: Path) -> None:
@@ -233,7 +247,7 @@ def test_other_channels_have_their_own_looks(folder: Path) -> None:
     viewer = WithoutWindow(documents[0], files())
     viewer.history.note(replace(viewer.state, selected=2))
     viewer.state = replace(viewer.state, selected=2)
-    viewer.performer.apply(Done(Kind.TIME_POINT, value=TimePoint(documents[1], 1)))
+    viewer.performer.apply(Done(Kind.TIME_POINT, (documents[1], 1)))
     assert len(viewer.state.styles) == 2 and viewer.state.selected == 0
     # steps of the others cannot be taken back, and nothing is lost that was edited
     assert viewer.history.undo(viewer.state).message == "nothing to undo"
@@ -399,9 +413,9 @@ def test_a_scene_that_changes_on_disk_loses_no_edits(edited: WithoutWindow, fold
     first, same = (SceneFile(str(folder / "a.npy"), annotate=("box",), scissors=(scissors,)) for _ in range(2))
     viewer = WithoutWindow(Document.open(first), files())
     viewer.state = viewer.state.edit(extinction=2.0)
-    viewer.performer.apply(Done(Kind.RELOAD, value=Reloaded(Document.open(same, quiet=True))))
+    viewer.performer.apply(Done(Kind.RELOAD, Document.open(same, quiet=True)))
     assert viewer.state.style.extinction == 2.0
-    viewer.performer.apply(Done(Kind.RELOAD, value=Reloaded(Document.open(replace(same, threshold=0.1)))))
+    viewer.performer.apply(Done(Kind.RELOAD, Document.open(replace(same, threshold=0.1))))
     assert viewer.state.style.extinction == 1.0 and viewer.state.message == CHANGED
     viewer.performer.perform_one(Request.UNDO)
     assert viewer.state.style.extinction == 2.0

@@ -18,9 +18,8 @@ from splatgl.splat.settings import Settings
 from splatgl.viewer import adaptive_quality
 from splatgl.viewer.adaptive_quality import STRIDES, choose_stand_in
 from splatgl.viewer.document import Document
-from splatgl.viewer.loading import Reloaded
 from splatgl.viewer.saving import scene_of
-from splatgl.viewer.state import LayerStyle, State
+from splatgl.viewer.state import State
 from tests.helpers.bricks import noise
 from tests.helpers.levels import SOFT, with_levels, write
 
@@ -120,19 +119,3 @@ def test_a_level_is_saved_with_its_scene(
     found = scene_of(State.of(document, (20, 16)), document)
     assert found.load == {"level": 1} and found.open().shape == document.volume.shape
     assert np.array_equal(OpenScene.of(found, found.open()).splats.records, document.layers[0].at(1).records)
-
-
-@pytest.mark.long
-def test_a_finer_portion_of_what_is_no_longer_shown_is_not_taken(
-    volume: sg.Volume, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    allow(volume.count / 60, monkeypatch)
-    np.save(tmp_path / "v.npy", volume.samples)
-    scenes = [SceneFile(str(tmp_path / "v.npy"), transfer={"points": SOFT.points}) for _ in range(2)]
-    shown, other = (Document.open(scene) for scene in scenes)
-    finer = Reloaded(shown.refined(), is_finer=True)
-    style = LayerStyle(sg.Transfer([(0.3, 0.0), (0.8, 0.1)]))
-    edited = shown.with_styles((style,), (), shown.scene.settings)
-    assert [finer.is_outdated(document) for document in (shown, edited, other)] == [False, False, True]
-    # another file is taken whatever is shown
-    assert not Reloaded(other).is_outdated(shown)
