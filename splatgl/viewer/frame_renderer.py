@@ -12,7 +12,9 @@ import numpy as np
 
 from splatgl.annotations.text import Overlay, Path, Text, draw_overlay, text_box
 from splatgl.data.image import Image
+from splatgl.data.volume import Volume
 from splatgl.geometry.camera import Camera
+from splatgl.geometry.clipping import Plane
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen, ScreenStyle
 from splatgl.planning.culling import FAITHFUL
@@ -24,13 +26,14 @@ from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats, as_points
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, Level
+from splatgl.viewer.clip_tool import outline
 from splatgl.viewer.commands import Command
 from splatgl.viewer.document import Document
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.input import help_rows
 from splatgl.viewer.reference_view import Difference, Reference, resize_bilinear
-from splatgl.viewer.state import Pinned, State
-from splatgl.viewer.trackball import Pose
+from splatgl.viewer.state import Cuts, Pinned, State
+from splatgl.viewer.trackball import Pose, project
 
 # linear light: splats beyond z_k are blended towards TINT by SHARE; splats at the plane get the colour PLANE
 TINT, PLANE = np.array([0.9, 0.12, 0.02], np.float32), np.array([1.0, 0.85, 0.1], np.float32)
@@ -76,24 +79,12 @@ def tint_light(whole: np.ndarray, near: np.ndarray) -> np.ndarray:
     )
 
 
-def plane_section(corners: np.ndarray, camera: Camera, z_k: float) -> np.ndarray:
-    """Section of a box, corners [8, 3], by the plane at depth z_k: a polygon [N, 2] in pixels; N = 0 if they miss.
-
-    Corners are in the order of `Volume.corners`: bit 0 is x, bit 1 y, bit 2 z.
-    """
-    eye = camera.eye_from_points(corners)
-    edges = [(i, i | 1 << axis) for axis in range(3) for i in range(8) if not i >> axis & 1]
-    points = []
-    for i, j in edges:
-        low, high = eye[i, 2] - z_k, eye[j, 2] - z_k
-        if np.isfinite(z_k) and (low < 0) != (high < 0):
-            points.append(eye[i] + (eye[j] - eye[i]) * low / (low - high))
-    if len(points) < 3:
+def plane_section(volume: Volume, camera: Camera, z_k: float) -> np.ndarray:
+    """Section of a volume's box by the plane at depth z_k: a polygon [N, 2] in pixels; N = 0 if they miss."""
+    if not np.isfinite(z_k):
         return np.zeros((0, 2))
-    flat = np.array(points)[:, :2] / camera.pixel_pitch(z_k) + np.array(camera.size) / 2
-    # the section is convex: sort its corners by angle about their mean
-    from_middle = flat - flat.mean(axis=0)
-    return np.asarray(flat[np.argsort(np.arctan2(from_middle[:, 1], from_middle[:, 0]))])
+    plane: Plane = (*camera.forward.tolist(), float(camera.forward @ camera.eye) + z_k)
+    return project(camera, outline(Cuts(), volume, plane))
 
 
 # minimum seconds between HUD updates in motion
@@ -318,7 +309,7 @@ class FrameRenderer:
             texts.append(Text(lines, over, note=True, above=above))
         paths: tuple[Path, ...] = ()
         if state.show_zk and self.frame is not None and self.frame.plan.program.seen.perspective:
-            section = plane_section(document.volume.corners, state.pose.camera, self.frame.plan.resolved.z_k)
+            section = plane_section(document.volume, state.pose.camera, self.frame.plan.resolved.z_k)
             polygon = tuple((round(float(x)), round(float(y))) for x, y in section)
             paths = ((*polygon, polygon[0]),) if polygon else ()
         return Overlay(size, scale, tuple(texts), paths)

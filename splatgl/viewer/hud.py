@@ -9,10 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from splatgl.annotations.annotate import LEAST_SIDE, LiveOverlay, with_time
-from splatgl.annotations.canvas import BLACK, WHITE, Measure, Scale, Subject
+from splatgl.annotations.canvas import BLACK, WHITE, Scale, Subject
 from splatgl.annotations.text import label, place_label
 from splatgl.data.color import Color
-from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.geometry.camera import Camera
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
@@ -196,49 +195,6 @@ GREY = 0.075
 GAP = 16
 
 
-@dataclass(frozen=True, eq=False)
-class AnnotationInputs:
-    """Inputs of annotations. transfer: of `valued`, whose values the colour bar shows. blend: of the picture; ground:
-    its background, linear RGB; measures, meshes: of the scene. empty: whether only meshes are drawn.
-    """
-
-    names: tuple[str, ...]
-    volume: Volume
-    transfer: Transfer
-    camera: Camera
-    blend: str
-    ground: Color
-    measures: tuple[Measure, ...] = ()
-    valued: Volume | None = None
-    meshes: tuple[Mesh, ...] = ()
-    empty: bool = False
-
-
-class Legend:
-    """Sprites of the annotations, drawn again only when their inputs change."""
-
-    def __init__(self) -> None:
-        self.overlay = LiveOverlay()
-        self.key: tuple[object, ...] = ()
-        self.latest: tuple[Sprite, ...] = ()
-
-    def sprites(self, scenery: AnnotationInputs) -> tuple[Sprite, ...]:
-        """The sprites for a picture of the camera's size; none if it is too small."""
-        camera = scenery.camera
-        if not scenery.names or min(camera.size) < LEAST_SIDE:
-            return ()
-        view = camera.eye.tobytes(), camera.eye_from_world.tobytes(), camera.extent, camera.perspective
-        look = scenery.names, scenery.volume, scenery.transfer, scenery.blend, scenery.ground, camera.size, *view
-        key: tuple[object, ...] = *look, *scenery.measures, scenery.valued, *scenery.meshes
-        if key != self.key:
-            subject = Subject.of(scenery.volume, scenery.valued)
-            scales = Scale.of(scenery.meshes)
-            subject = replace(subject, measures=scenery.measures, scales=scales, empty=scenery.empty)
-            inputs = scenery.transfer, camera, scenery.names, scenery.ground, scenery.blend
-            self.key, self.latest = key, crop_sprites(self.overlay.draw(subject, *inputs))
-        return self.latest
-
-
 def crop_sprites(pixels: np.ndarray) -> tuple[Sprite, ...]:
     """Sprites of the visible parts of a picture uint8 [H, W, 4]."""
     sprites = []
@@ -278,7 +234,25 @@ class Overlays:
     """Marks over the picture; keeps annotations from one frame to the next."""
 
     def __init__(self) -> None:
-        self.legend = Legend()
+        self.overlay = LiveOverlay()
+        # inputs of the latest annotations, and their sprites
+        self.key: tuple[object, ...] = ()
+        self.latest: tuple[Sprite, ...] = ()
+
+    def annotations(self, state: State, document: Document) -> tuple[Sprite, ...]:
+        """Sprites of the annotations, drawn again only when their inputs change; none if the picture is too small."""
+        camera, volume, meshes = state.pose.camera, document.volume, document.meshes
+        names = with_time(state.annotate, volume, state.time)
+        if not names or min(camera.size) < LEAST_SIDE:
+            return ()
+        valued, transfer = bar_of(state, document)
+        look = transfer, camera, names, background_of(state), state.settings.blend
+        key = volume, valued, meshes, state.measures, *look
+        if key != self.key:
+            empty, scales = is_mesh(document.scene.volume), Scale.of(meshes)
+            subject = replace(Subject.of(volume, valued), measures=state.measures, scales=scales, empty=empty)
+            self.key, self.latest = key, crop_sprites(self.overlay.draw(subject, *look))
+        return self.latest
 
     def marks(
         self, state: State, document: Document, view: View, cursor: Place | None, slices: Marks, edge: float
@@ -287,8 +261,7 @@ class Overlays:
         handles, ruler, the value under the cursor (None: hidden), and those of slices.
         """
         camera, scale = state.pose.camera, view.scale
-        legend = self.legend.sprites(annotation_inputs(state, document))
-        legend = tuple(sprite for sprite in legend if sprite.place[2] <= edge)
+        legend = tuple(sprite for sprite in self.annotations(state, document) if sprite.place[2] <= edge)
         strokes = [*handle_strokes(state.cuts, document.volume, camera, scale), *lasso_strokes(state.lasso, scale)]
         lines, labels = ruler_marks(state.ruler, camera, scale), list[Sprite]()
         if state.probe and cursor is not None:
@@ -300,15 +273,11 @@ class Overlays:
         return Marks((*legend, *slices.sprites), (*visible, *slices.strokes), (*labels, *slices.labels))
 
 
-def annotation_inputs(state: State, document: Document) -> AnnotationInputs:
-    """Inputs of the annotations of a picture, whose colour bar is that of the first visible layer."""
+def bar_of(state: State, document: Document) -> tuple[Volume, Transfer]:
+    """Volume and transfer function of the colour bar: those of the first visible layer."""
     number = next((n for n, style in enumerate(state.styles) if style.is_shown), 0)
-    inputs = state.styles[number].transfer, state.pose.camera, state.settings.blend, background_of(state)
     # a document that loads anew may have fewer layers
-    of_bar = document.layers[min(number, len(document.layers) - 1)].volume, document.meshes
-    empty = is_mesh(document.scene.volume)
-    names = with_time(state.annotate, document.volume, state.time)
-    return AnnotationInputs(names, document.volume, *inputs, state.measures, *of_bar, empty)
+    return document.layers[min(number, len(document.layers) - 1)].volume, state.styles[number].transfer
 
 
 def ruler_marks(ruler: Ruler, camera: Camera, scale: float) -> list[Stroke]:

@@ -54,20 +54,8 @@ def resize_bilinear(picture: np.ndarray, size: tuple[int, int], step: int) -> np
     return picture
 
 
-@dataclass(frozen=True, eq=False)
-class ReferenceInputs:
-    """Inputs of a reference; compared by identity. count: of splats visible from any side."""
-
-    splats: Splats | Scene
-    camera: Camera
-    settings: Settings
-    count: int
-
-    @classmethod
-    def of(cls, document: Document, camera: Camera, settings: Settings) -> ReferenceInputs:
-        """The reference of all splats of a document."""
-        subject, settings = document.subject_at(1, settings)
-        return cls(subject, camera, settings, document.counts[0])
+# subject, camera and settings of a reference; compared by identity
+Wanted = tuple[Splats | Scene, Camera, Settings]
 
 
 class Reference:
@@ -78,17 +66,18 @@ class Reference:
 
     def __init__(self, jobs: Jobs) -> None:
         self.jobs = jobs
-        self.wanted: ReferenceInputs | None = None
+        self.wanted: Wanted | None = None
         self.image: Image | None = None
         self.note = ""
         self.process: subprocess.Popen[bytes] | None = None
 
-    def request(self, wanted: ReferenceInputs) -> None:
-        """Starts rendering a reference; the same request starts only once."""
+    def request(self, document: Document, camera: Camera, settings: Settings) -> None:
+        """Starts rendering the reference of all splats of a document."""
         self.forget()
-        self.wanted = wanted
-        if wanted.count > MOST:
-            self.note = f"no reference: {wanted.count:,} splats would take minutes; raise the threshold"
+        subject, settings = document.subject_at(1, settings)
+        wanted = self.wanted = subject, camera, settings
+        if (count := document.counts[0]) > MOST:
+            self.note = f"no reference: {count:,} splats would take minutes; raise the threshold"
             return
         self.note = "the float64 reference is being drawn ..."
         self.jobs.submit(Kind.REFERENCE, "reference", lambda: (wanted, self._draw(wanted)))
@@ -112,7 +101,7 @@ class Reference:
                 self.image, self.note = done.value[1], ""
         return bool(news)
 
-    def _draw(self, wanted: ReferenceInputs) -> Image:
+    def _draw(self, wanted: Wanted) -> Image:
         """Returns the picture that the process draws. Raises its error, or Cancelled."""
         code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
         command = [sys.executable, "-c", code]
@@ -131,11 +120,11 @@ class Reference:
                 self.process = None
                 process.kill()
 
-    def _await(self, process: subprocess.Popen[bytes], wanted: ReferenceInputs) -> Image:
+    def _await(self, process: subprocess.Popen[bytes], wanted: Wanted) -> Image:
         assert process.stdin is not None and process.stdout is not None
         kernels = {name: shape for name, shape in KERNELS.items() if name not in BUILT_IN}
         try:
-            sent = pickle.dumps((kernels, wanted.splats, wanted.camera, wanted.settings))
+            sent = pickle.dumps((kernels, *wanted))
         except (AttributeError, pickle.PicklingError) as error:
             raise InputError(f"{UNKNOWN}: {error}") from error
         process.stdin.write(sent)
@@ -166,9 +155,9 @@ def serve() -> None:
                 yield band
 
         try:
-            kernels, splats, camera, settings = _received()
+            kernels, *wanted = _received()
             KERNELS.update(kernels)
-            _send(output, renderer.render(splats, camera, settings, progress=progress))
+            _send(output, renderer.render(*wanted, progress=progress))
         except USER_ERRORS as error:
             _send(output, error)
 

@@ -41,7 +41,7 @@ from splatgl.viewer.jobs import Extractor, Jobs
 from splatgl.viewer.loading import Files
 from splatgl.viewer.movie_track import stop_preview
 from splatgl.viewer.recorder import Recorder
-from splatgl.viewer.reference_view import Reference, ReferenceInputs
+from splatgl.viewer.reference_view import Reference
 from splatgl.viewer.slice_views import SliceTool, column_width
 from splatgl.viewer.state import THEMES, History, State, changed_fields, played, stated_transfers
 from splatgl.viewer.trackball import MouseEvent, Pointer, View, docked_width, is_roomy, up_direction
@@ -429,7 +429,7 @@ class Viewer:
                 reference.forget()
         elif reference.wanted is None:
             settings = self.state.settings.but(classification="auto")
-            reference.request(ReferenceInputs.of(self.document, self.state.pose.camera, settings))
+            reference.request(self.document, self.state.pose.camera, settings)
 
     def show(self) -> None:
         """Displays the image, its overlay and the panel if any of them changed."""

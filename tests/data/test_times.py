@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from splatgl.errors import InputError
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
-from splatgl.viewer.hud import annotation_inputs
+from splatgl.viewer.hud import Overlays
 from splatgl.viewer.state import State
 
 SIZE = 5
@@ -120,7 +122,10 @@ def test_collections_have_their_time_steps(tmp_path: Path) -> None:
     assert [over.at(n)[0] for n in (0, 1, 2, "0.25")] == ["time=0.1", "time=0.25", "time=2", "time=0.25"]
     document = Document.open(SceneFile(str(path)), quiet=True)
     state = replace(State.of(document, (64, 64)), annotate=("time",), time=1, times=3)
-    assert annotation_inputs(state, document).names == ("time=0.25",)
+    overlays, drawn = Overlays(), list[object]()
+    overlays.overlay = cast(Any, SimpleNamespace(draw=lambda *given: drawn.extend(given) or np.zeros((64, 64, 4))))
+    overlays.annotations(state, document)
+    assert ("time=0.25",) in [each for each in drawn if isinstance(each, tuple)]
 
 
 def test_files_without_times_have_numbers() -> None:

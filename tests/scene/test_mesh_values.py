@@ -22,7 +22,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.transfer.colormaps import colormap
 from splatgl.viewer.document import Document
-from splatgl.viewer.hud import annotation_inputs
+from splatgl.viewer.hud import bar_of
 from splatgl.viewer.state import State
 from tests.helpers.meshes import PLAIN, along_y, block, cloud, knots
 
@@ -313,9 +313,9 @@ def test_surfaces_beside_lines(options: dict[str, Any], opacity: float | None, b
     assert bars_of(scene) == bars
     document = Document.open(file, quiet=True)
     assert [surface.opacity for surface in document.layers[0].transfer.iso] == [s.opacity for s in scene.transfer.iso]
-    inputs = annotation_inputs(State.of(document, (64, 64)), document)
-    assert Scale.of(inputs.meshes) == scene.annotated_subject.scales
-    assert (inputs.valued, inputs.transfer.iso) == (document.volume, scene.transfer.iso)
+    valued, transfer = bar_of(State.of(document, (64, 64)), document)
+    assert Scale.of(document.meshes) == scene.annotated_subject.scales
+    assert (valued, transfer.iso) == (document.volume, scene.transfer.iso)
 
 
 def test_a_value_that_no_sample_passes_is_noted() -> None:
@@ -330,5 +330,4 @@ def test_the_bar_of_a_hidden_volume_is_that_of_a_visible_one() -> None:
     scene = OpenScene.of(file, file.open())
     assert bars_of(scene) == ["b"] and scene.legend[1].color_range == sg.default_transfer(other.open()).color_range
     document = Document.open(file, quiet=True)
-    inputs = annotation_inputs(State.of(document, (64, 64)), document)
-    assert inputs.valued is document.layers[1].volume and inputs.volume is document.volume
+    assert bar_of(State.of(document, (64, 64)), document)[0] is document.layers[1].volume

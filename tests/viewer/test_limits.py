@@ -30,7 +30,7 @@ from splatgl.viewer.document import Document
 from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
 from splatgl.viewer.layer_splats import LayerSplats
-from splatgl.viewer.reference_view import Reference, ReferenceInputs
+from splatgl.viewer.reference_view import Reference
 from splatgl.viewer.saving import copy_text, render_scene, save_as, save_picture, save_scene, scene_of, try_save
 from splatgl.viewer.state import LayerStyle, State
 from splatgl.viewer.viewer import Viewer
@@ -200,10 +200,8 @@ def test_a_reference_is_drawn_by_a_process_that_ends_at_once(
     reference = Reference(Jobs(lambda: None))
     document.extract(1)
 
-    def request(width: int, settings: sg.Settings) -> ReferenceInputs:
-        inputs = ReferenceInputs.of(document, document.home((width, width)).camera, settings)
-        reference.request(inputs)
-        return inputs
+    def request(width: int, settings: sg.Settings) -> None:
+        reference.request(document, document.home((width, width)).camera, settings)
 
     def wait(reached: Callable[[], bool]) -> None:
         end = time.monotonic() + 120
@@ -212,10 +210,12 @@ def test_a_reference_is_drawn_by_a_process_that_ends_at_once(
             assert time.monotonic() < end
             time.sleep(0.01)
 
-    inputs = request(12, sg.Settings())
+    request(12, sg.Settings())
+    assert reference.wanted is not None
+    wanted = reference.wanted
     wait(lambda: reference.image is not None)
     assert reference.image is not None and not reference.note
-    right = sg.reference.render(inputs.splats, inputs.camera, inputs.settings).pixels
+    right = sg.reference.render(*wanted).pixels
     assert np.array_equal(reference.image.pixels, right)
     request(2000, sg.Settings())
     wait(lambda: reference.process is not None)
@@ -233,9 +233,9 @@ def test_a_reference_is_drawn_by_a_process_that_ends_at_once(
 def test_references_of_layers_go_to_the_process(document: Document) -> None:
     layered = Document.open(replace(document.scene, layers=(document.scene,)))
     layered.extract(1)
-    inputs = ReferenceInputs.of(layered, layered.home((6, 4)).camera, sg.Settings())
-    sent = pickle.loads(pickle.dumps(inputs.splats))
-    pictures = [sg.reference.render(each, inputs.camera, inputs.settings).pixels for each in (inputs.splats, sent)]
+    camera, (subject, settings) = layered.home((6, 4)).camera, layered.subject_at(1, sg.Settings())
+    sent = pickle.loads(pickle.dumps(subject))
+    pictures = [sg.reference.render(each, camera, settings).pixels for each in (subject, sent)]
     assert np.array_equal(*pictures) and pictures[0].any()
 
 

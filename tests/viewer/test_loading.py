@@ -267,7 +267,7 @@ def test_a_change_while_another_file_is_read_is_seen_afterwards(folder: Path) ->
     for each in all_done(found):
         found.finish(each.kind)
     found.check(state, 2e9)
-    assert [each.name for each in all_done(found)] == ["reading again"]
+    assert [each.kind for each in all_done(found)] == [Kind.RELOAD]
     # of a file that is opened, from before it is read
     found.open([str(path)], Settings())
     (done,) = all_done(found)
@@ -275,7 +275,7 @@ def test_a_change_while_another_file_is_read_is_seen_afterwards(folder: Path) ->
     found.follow(done.value)
     found.finish(done.kind)
     found.check(state, 3e9)
-    assert [each.name for each in all_done(found)] == ["reading again"]
+    assert [each.kind for each in all_done(found)] == [Kind.RELOAD]
 
 
 def test_another_size_is_no_step(folder: Path) -> None:

@@ -20,7 +20,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import angles
 from splatgl.viewer.commands import TURN, Copy, name_of, with_settings
 from splatgl.viewer.document import Document
-from splatgl.viewer.hud import RULER, TIP, AnnotationInputs, Legend, crop_sprites, ruler_marks
+from splatgl.viewer.hud import RULER, TIP, Overlays, crop_sprites, ruler_marks
 from splatgl.viewer.measure_tool import add_ruler_point, describe_pick, under_cursor
 from splatgl.viewer.saving import copy_text, draw_marks, save_picture, save_scene
 from splatgl.viewer.state import EDITS, History, Ruler, State, changed_fields, played
@@ -175,23 +175,16 @@ def test_labels_stay_in_the_window() -> None:
     assert label(("a",)) is label(("a",)) and label(("a", "b")).shape[0] > label(("a",)).shape[0]
 
 
-def scenery(document: Document, state: State, **changes: object) -> AnnotationInputs:
-    camera = state.pose.camera
-    found = AnnotationInputs(state.annotate, document.volume, state.style.stated, camera, "composite", BLACK)
-    return replace(found, **changes)
-
-
 def test_what_has_not_changed_is_not_drawn_again(document: Document) -> None:
-    legend, state = Legend(), along_x(document)
-    asked = ("scale", "axes")
-    first = legend.sprites(scenery(document, state, names=asked))
-    assert legend.sprites(scenery(document, state, names=asked)) is first and len(first) == 2
+    overlays, state = Overlays(), replace(along_x(document), annotate=("scale", "axes"))
+    first = overlays.annotations(state, document)
+    assert overlays.annotations(replace(state), document) is first and len(first) == 2
     # of the picture's size, they are what is not clear of the whole
     left = min(each.place[0] for each in first)
     assert left < 20 and all(each.pixels[..., 3].any() for each in first)
     turned = replace(state, pose=state.pose.spun(20.0, up_direction(document)))
-    assert legend.sprites(scenery(document, turned, names=asked)) is not first
-    assert legend.sprites(scenery(document, state, names=())) == ()
+    assert overlays.annotations(turned, document) is not first
+    assert overlays.annotations(replace(state, annotate=()), document) == ()
 
 
 def test_sprites_are_what_is_not_clear() -> None:

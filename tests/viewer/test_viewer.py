@@ -547,13 +547,10 @@ def test_tint(renderer: sg.Renderer) -> None:
 def test_the_plane_cuts_the_box() -> None:
     volume = sg.Volume(np.zeros((10, 10, 10)))
     camera = sg.Camera.look_at((4.5, -40.0, 4.5), (4.5, 4.5, 4.5), (0, 0, 1), 40.0, SIZE)
-    square = plane_section(volume.corners, camera, 44.5)
+    square = plane_section(volume, camera, 44.5)
     pitch = camera.pixel_pitch(44.5)
     assert np.allclose(np.ptp(square, axis=0), 10 / pitch) and len(square) == 4
-    assert (
-        len(plane_section(volume.corners, camera, 10.0)) == 0
-        and len(plane_section(volume.corners, camera, np.inf)) == 0
-    )
+    assert [len(plane_section(volume, camera, z_k)) for z_k in (10.0, np.inf)] == [0, 0]
 
 
 @pytest.mark.parametrize("orthographic", [False, True])
