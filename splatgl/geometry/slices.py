@@ -306,14 +306,14 @@ def plane_through(
     d = float(normal @ point)
     row = (float(normal[0]), float(normal[1]), float(normal[2]))
     corners = clip_corners([(*row, d), (-row[0], -row[1], -row[2], -d)], volume.corners)
-    outline = _around(np.stack([(corners - point) @ right, (corners - point) @ down], axis=1))
+    outline = polygon_around(np.stack([(corners - point) @ right, (corners - point) @ down], axis=1))
     if len(outline) < 3:
         raise expected("slice", "a plane through the volume", repr(text or title))
     at = f"through {_triple(point.tolist())}, across {_triple(normal.tolist())}"
     return SlicePlane(point, right, down, title or at, outline)
 
 
-def _around(points: np.ndarray) -> np.ndarray:
+def polygon_around(points: np.ndarray) -> np.ndarray:
     """Distinct corners [N, 2] of a convex polygon, in order."""
     if len(points) < 3:
         return np.zeros((0, 2))

@@ -266,11 +266,6 @@ class Pace:
         return range(len(LADDER) if stuck else FLOOR + 1)
 
 
-def is_due_at_rest(pace: Pace, idle: float, held: bool) -> bool:
-    """Whether to render the full-quality frame, `idle` seconds after the last input; held: a button is down."""
-    return idle >= REST and not (held and pace.expected(0) > HELD)
-
-
 Wanted = tuple[object, ...]
 
 
@@ -323,7 +318,8 @@ class Refiner:
             # on a busy machine, the view may rest before it is drawn
             is_slow = self.pace.expected(0) > HELD
             return now.finest(self.pace.level if now.moving or is_slow else 0)
-        if self.full or now.moving or not is_due_at_rest(self.pace, now.idle, now.held and now.whole):
+        is_held = now.held and now.whole and self.pace.expected(0) > HELD
+        if self.full or now.moving or now.idle < REST or is_held:
             return None
         due = now.finest(0)
         return due if due < self.last or due == 0 else None
@@ -392,7 +388,8 @@ def choose_stand_in(volume: Volume, transfer: Transfer, settings: Settings) -> S
         return _level(levels, first, number)
     base = levels[-1]
     step = max(2, int(np.ceil((base.count / STAND_IN) ** (1 / 3))))
-    return StandIn(subsample(base, step), f"every {_nth(step)} voxel", lambda: _means(base, transfer, settings, most))
+    note = f"every {step}{ {2: 'nd', 3: 'rd'}.get(step, 'th') } voxel"
+    return StandIn(subsample(base, step), note, lambda: _means(base, transfer, settings, most))
 
 
 def _means(volume: Volume, transfer: Transfer, settings: Settings, most: int) -> StandIn:
@@ -429,7 +426,3 @@ def _fits(volume: Volume, transfer: Transfer, settings: Settings, most: int) -> 
         return True
     wanted = estimate_need(bricks, PIXELS, most)
     return wanted.bytes <= most and not (volume.coarser and wanted.most > MOST_KEPT)
-
-
-def _nth(step: int) -> str:
-    return f"{step}{ {2: 'nd', 3: 'rd'}.get(step, 'th') }"

@@ -14,6 +14,8 @@ from splatgl.errors import InputError
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.clipping import Plane, clip_corners
 from splatgl.geometry.scissors import MOST_CORNERS, Scissors
+from splatgl.geometry.slices import polygon_around
+from splatgl.geometry.view import perpendicular_axes
 from splatgl.gl.screen import LineColor, Stroke
 from splatgl.scene.meshes import is_mesh
 from splatgl.viewer.state import MOST_PLANES, Cuts, Lasso, box_planes
@@ -27,19 +29,14 @@ if TYPE_CHECKING:
 TOO_MANY_PLANES = f"there are {MOST_PLANES} planes already: remove one"
 
 
-def leaves_anything(cuts: Cuts, volume: Volume) -> bool:
-    """Whether the cuts keep any part of the volume's box."""
-    planes = replace(cuts, active=True).clip(volume)
-    return not planes or bool(len(clip_corners(planes, volume.corners)))
-
-
 def set_cuts(state: State, document: Document, cuts: Cuts) -> State:
     """The state with other cuts; cuts that would leave nothing only set a message."""
     if cuts == state.cuts:
         return state
-    if not leaves_anything(cuts, document.volume):
+    planes = replace(cuts, active=True).clip(document.volume)
+    if planes and not len(clip_corners(planes, document.volume.corners)):
         return replace(state, message="this would cut everything off")
-    clip = cuts.clip(document.volume)
+    clip = planes if cuts.active else ()
     # a scene's own planes stay as they are until they are changed
     same = (cuts.sides, cuts.planes, cuts.active) == (state.cuts.sides, state.cuts.planes, state.cuts.active)
     return replace(state, cuts=cuts, settings=state.settings if same else state.settings.but(clip=clip))
@@ -51,8 +48,6 @@ NEAR = 12.0
 COVERED = 3.0
 # length of a plane's arrow, in the volume's largest side
 ARROW = 0.2
-# corners within this distance, in lengths of the arrow, are the same
-ALIKE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,21 +125,10 @@ def arrow_length(volume: Volume) -> float:
 
 def outline(cuts: Cuts, volume: Volume, plane: Plane) -> np.ndarray:
     """The polygon [N, 3] where a plane cuts the box, in order; N = 0 where the plane misses it."""
-    sides = box_planes(cuts.sides, volume)
     normal = np.array(plane[:3])
-    both = [plane, (*(-normal).tolist(), -plane[3]), *sides]
-    points = clip_corners(both, volume.corners)
-    # remove duplicate corners, where several planes meet
-    digits = (points / (arrow_length(volume) * ALIKE)).round()
-    points = points[np.unique(digits, axis=0, return_index=True)[1]]
-    if len(points) < 3:
-        return np.zeros((0, 3))
-    from_middle = points - points.mean(axis=0)
-    # two unit vectors in the plane
-    across = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    across /= np.linalg.norm(across)
-    angle = np.arctan2(from_middle @ np.cross(normal, across), from_middle @ across)
-    return np.asarray(points[np.argsort(angle)])
+    both = [plane, (*(-normal).tolist(), -plane[3]), *box_planes(cuts.sides, volume)]
+    axes = np.stack(perpendicular_axes(normal))
+    return np.asarray(polygon_around(clip_corners(both, volume.corners) @ axes.T) @ axes + plane[3] * normal)
 
 
 def plane_middle(cuts: Cuts, volume: Volume, number: int) -> np.ndarray:

@@ -28,7 +28,7 @@ from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import FIRST_POINT
 from splatgl.viewer.movie_track import Preview, stop_preview
 from splatgl.viewer.segments import with_shown
-from splatgl.viewer.slice_views import SLICES
+from splatgl.viewer.slice_planes import STRAIGHT, normals, turned, with_slices, with_turn
 from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, THEMES, Cuts, Lasso, Pinned, Ruler, State
 from splatgl.viewer.trackball import NOTCH, Pose, up_direction
 
@@ -43,8 +43,6 @@ class Request(Enum):
     REDO = auto()
     CANCEL = auto()
     QUIT = auto()
-    SAVE_AND_QUIT = auto()
-    DISCARD = auto()
     PALETTE = auto()
     FOCUS = auto()
     FORGET_RECENT = auto()
@@ -71,16 +69,10 @@ class CopyText:
 
 @dataclass(frozen=True)
 class Open:
-    """Opens files; without paths, the dialog that asks for them."""
+    """Opens files; without paths, the dialog that asks for them. adds: to the picture, as layers and meshes."""
 
     paths: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Add:
-    """Adds files to the picture, as layers and meshes; without paths, the dialog that asks for them."""
-
-    paths: tuple[str, ...] = ()
+    adds: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,13 +85,13 @@ class OpenOption:
 
 @dataclass(frozen=True)
 class Leave:
-    """Opens what the window asked about although edits are not saved. saves: whether the scene is saved before."""
+    """Opens what the window asked about, None: closes it, although edits are not saved. saves: the scene before."""
 
-    opens: Open | OpenOption
+    opens: Open | OpenOption | None = None
     saves: bool = False
 
 
-Effect = Request | Copy | CopyText | Open | Add | OpenOption | Leave
+Effect = Request | Copy | CopyText | Open | OpenOption | Leave
 Run = Callable[[State, Document], State | tuple[State, Effect]]
 
 
@@ -141,7 +133,7 @@ def _next(values: Sequence[Any], value: str) -> Any:
 # --- camera -----------------------------------------------------------------------------------------------------------
 
 # degrees per key press
-TURN, ROLL = 10.0, 10.0
+TURN, ROLL, SLICE_TURN = 10.0, 10.0, 5.0
 # names by 3D Slicer for data with anatomy, and by ParaView, which names the direction of the view, for others
 ANATOMY = {"front": "Anterior", "back": "Posterior", "right": "Right", "left": "Left"}
 ANATOMY |= {"top": "Superior", "bottom": "Inferior"}
@@ -177,18 +169,6 @@ def _view(name: str) -> Run:
 
 def _move(move: Callable[[Pose, np.ndarray], Pose]) -> Run:
     return lambda state, document: replace(state, pose=move(state.pose, up_direction(document)), turning=False)
-
-
-def _spin(degrees: float) -> Run:
-    return _move(lambda pose, up: pose.spun(degrees, up))
-
-
-def _lift(degrees: float) -> Run:
-    return _move(lambda pose, up: pose.lifted(degrees))
-
-
-def _roll(degrees: float) -> Run:
-    return _move(lambda pose, up: pose.tipped(degrees))
 
 
 def _zoom(factor: float) -> Run:
@@ -399,19 +379,49 @@ def _probe(state: State, document: Document) -> State:
     return replace(state, probe=not state.probe, message="" if state.probe else "the value under the cursor")
 
 
-def _measure(state: State, document: Document) -> State:
-    return _measuring(state, is_angle=False)
+def _measure(is_angle: bool) -> Run:
+    """Clicks measure, or no longer do."""
+
+    def measure(state: State, document: Document) -> State:
+        if state.ruler.active and state.ruler.angle == is_angle:
+            return replace(state, ruler=Ruler())
+        return replace(state, ruler=Ruler(active=True, angle=is_angle), message=FIRST_POINT)
+
+    return measure
 
 
-def _angle(state: State, document: Document) -> State:
-    return _measuring(state, is_angle=True)
+def _slices(state: State, document: Document) -> State:
+    return replace(state, slices=replace(state.slices, shown=not state.slices.shown))
 
 
-def _measuring(state: State, is_angle: bool) -> State:
-    """The state in which clicks measure, or no longer do."""
-    if state.ruler.active and state.ruler.angle == is_angle:
-        return replace(state, ruler=Ruler())
-    return replace(state, ruler=Ruler(active=True, angle=is_angle), message=FIRST_POINT)
+def _slice_colors(state: State, document: Document) -> State:
+    colored = not state.slices.colored
+    message = "slices in the colours of values" if colored else "slices in grey, by the window of values"
+    return replace(state, slices=replace(state.slices, colored=colored, shown=True), message=message)
+
+
+def _slices_in_space(state: State, document: Document) -> State:
+    if state.slice_planes:
+        return replace(state, slices=replace(state.slices, in_space=False), slice_planes=())
+    if document.volume.points is not None or is_mesh(document.scene.volume):
+        return replace(state, message="no slices: there are no voxels")
+    if not state.settings.hides:
+        return replace(state, message="slices are shown in blend composite only")
+    return with_slices(state, replace(state.slices, in_space=True), document.volume)
+
+
+def _turn_slices(axis: int, degrees: float) -> Run:
+    def turn(state: State, document: Document) -> State:
+        slices, about = state.slices, normals(state.slices, document.volume)[axis]
+        made = with_turn(slices, turned(slices.turn, about, degrees), document.volume)
+        return with_slices(state, replace(made, shown=True), document.volume)
+
+    return turn
+
+
+def _straighten(state: State, document: Document) -> State:
+    index = state.slices.index(document.volume)
+    return with_slices(state, replace(state.slices, turn=STRAIGHT).at(index, document.volume), document.volume)
 
 
 # --- time and window --------------------------------------------------------------------------------------------------
@@ -476,6 +486,7 @@ def _close(state: State, document: Document) -> State | tuple[State, Effect]:
 
 VIEW_KEYS = {"front": "1", "back": "ctrl+1", "right": "3", "left": "ctrl+3", "top": "7", "bottom": "ctrl+7"}
 LASSO, OVER = "remove, keep what a drag circles", "axes and scale, colour bar, box"
+SLICE_LOOKS, SLICE_TURNS = "slices in colours; as planes", "turn slices about x, y, z; shift: back"
 FRONTS, BACKS = "view from the front, right, top", "view from the back, left, bottom"
 TURNS, ROLLS, KEEPS = "turn the view", "roll to the left, right", "keep more, fewer voxels"
 # what the message of the command adds
@@ -492,7 +503,7 @@ def _view_command(view: str, key: str) -> Command:
 MENUS: dict[str, tuple[Command, ...]] = {
     "File": (
         Command("open", "open files", ("ctrl+o",), _request(Open())),
-        Command("add-layer", "add a volume, segmentation or mesh", ("ctrl+shift+o",), _request(Add())),
+        Command("add-layer", "add a volume, segmentation or mesh", ("ctrl+shift+o",), _request(Open(adds=True))),
         Command("save-as", "save the scene or the picture as", ("ctrl+s",), _request(Request.SAVE_AS)),
         Command("screenshot", "save the picture (PNG)", ("s", "f12"), _request(Request.SAVE_PICTURE)),
         Command("save", "save the floats (NPY) and the scene", ("shift+s",), _request(Request.SAVE_SCENE)),
@@ -518,14 +529,14 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("isometric", "isometric view", ("v", "9"), _view("isometric")),
         *(_view_command(view, key) for view, key in VIEW_KEYS.items()),
         Command("projection", "perspective or orthographic", ("p", "5"), _projection),
-        Command("turn-left", "turn the view to the left", ("left",), _spin(-TURN), TURNS),
-        Command("turn-right", "turn the view to the right", ("right",), _spin(TURN), TURNS),
-        Command("turn-up", "look from higher", ("up",), _lift(TURN), TURNS),
-        Command("turn-down", "look from lower", ("down",), _lift(-TURN), TURNS),
+        Command("turn-left", "turn the view to the left", ("left",), _move(lambda p, up: p.spun(-TURN, up)), TURNS),
+        Command("turn-right", "turn the view to the right", ("right",), _move(lambda p, up: p.spun(TURN, up)), TURNS),
+        Command("turn-up", "look from higher", ("up",), _move(lambda p, up: p.lifted(TURN)), TURNS),
+        Command("turn-down", "look from lower", ("down",), _move(lambda p, up: p.lifted(-TURN)), TURNS),
         Command("zoom-in", "nearer", ("+", "="), _zoom(NOTCH), "nearer, farther"),
         Command("zoom-out", "farther", ("-",), _zoom(1 / NOTCH), "nearer, farther"),
-        Command("roll-left", "roll to the left", ("page_up",), _roll(-ROLL), ROLLS),
-        Command("roll-right", "roll to the right", ("page_down",), _roll(ROLL), ROLLS),
+        Command("roll-left", "roll to the left", ("page_up",), _move(lambda p, up: p.tipped(-ROLL)), ROLLS),
+        Command("roll-right", "roll to the right", ("page_down",), _move(lambda p, up: p.tipped(ROLL)), ROLLS),
         Command("turn", "turn on its own, or stop", ("space",), _rotate("turning")),
         Command("turntable", "drags turn a turntable, or a trackball", ("u",), _turntable),
         Command("ground", "another background", ("n",), _ground),
@@ -560,9 +571,23 @@ MENUS: dict[str, tuple[Command, ...]] = {
     ),
     "Tools": (
         Command("probe", "the value under the cursor", ("y",), _probe),
-        Command("measure", "distance between two clicked points", ("e",), _measure),
-        Command("angle", "angle between three clicked points", (), _angle),
-        *(Command(*row) for row in SLICES),
+        Command("measure", "distance between two clicked points", ("e",), _measure(is_angle=False)),
+        Command("angle", "angle between three clicked points", (), _measure(is_angle=True)),
+        Command("slices", "slices: the wheel and clicks move them", ("z",), _slices),
+        Command("slice-colors", "slices in grey or in colours", ("shift+z",), _slice_colors, SLICE_LOOKS),
+        Command("slices-in-space", "slices as planes in the picture", ("alt+z",), _slices_in_space, SLICE_LOOKS),
+        *(
+            Command(
+                f"turn-slices-{way}{name}",
+                f"turn slices {way[:-1]}{' ' * bool(way)}about {name}",
+                (f"alt+{key}{n + 1}",),
+                _turn_slices(n, turn),
+                SLICE_TURNS,
+            )
+            for way, key, turn in (("", "", SLICE_TURN), ("back-", "shift+", -SLICE_TURN))
+            for n, name in enumerate("xyz")
+        ),
+        Command("straighten-slices", "slices along the axes again", ("alt+0",), _straighten),
         Command("play", "play a time series, or stop", ("enter",), _play),
         Command("earlier", "the time point before", ("<",), _time(-1), "the time point before, after"),
         Command("later", "the next time point", (">",), _time(1), "the time point before, after"),
@@ -606,7 +631,7 @@ class Question:
 UNSAVED = Question(
     "Edits are not saved",
     "Save the changes as a scene before the window closes?",
-    (("save and quit", Request.SAVE_AND_QUIT), ("discard", Request.DISCARD), ("cancel", None)),
+    (("save and quit", Leave(saves=True)), ("discard", Leave()), ("cancel", None)),
 )
 
 
@@ -623,7 +648,7 @@ def ask_for_files(paths: Sequence[str]) -> Question:
     names = ", ".join(Path(path).name for path in paths[:LISTED]) + f" and {more} more" * (more > 0)
     answers: tuple[tuple[str, Effect | None], ...] = (
         ("play as series" if is_series else "open", Open(tuple(paths))),
-        ("add as layers" if several else "add as layer", Add(tuple(paths))),
+        ("add as layers" if several else "add as layer", Open(tuple(paths), adds=True)),
         ("cancel", None),
     )
     return Question(f"What to do with {'these files' if several else 'this file'}?", names, answers)

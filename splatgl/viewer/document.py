@@ -18,7 +18,7 @@ from splatgl.data.color import AUTO
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.geometry.camera import Bounded, Camera
+from splatgl.geometry.camera import Bounded
 from splatgl.geometry.clipping import Plane
 from splatgl.geometry.slices import Slice, parse_slices
 from splatgl.planning.scene import MOST_LAYERS, Layer, Scene
@@ -122,8 +122,7 @@ class Document:
     @property
     def world(self) -> World:
         """Frame and unit of all layers: of the file of the first one, or of the first visible one that states it."""
-        shown = (layer.world for layer, style in zip(self.layers, self.styles, strict=True) if style.is_shown)
-        return World.shared((self.layers[0].world, *shown))
+        return World.shared((self.layers[0].world, *(layer.world for layer in self.drawn_layers)))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -155,11 +154,7 @@ class Document:
     @property
     def drawn_layers(self) -> tuple[LayerSplats, ...]:
         """The visible layers; the first layer where only meshes are visible."""
-        return self._visible or self.layers[:1]
-
-    @property
-    def _visible(self) -> tuple[LayerSplats, ...]:
-        return tuple(layer for layer, style in zip(self.layers, self.styles, strict=True) if style.is_shown)
+        return tuple(self.pool[style.number] for style in self.styles if style.is_shown) or self.layers[:1]
 
     @property
     def channels(self) -> tuple[LayerSplats, ...]:
@@ -311,9 +306,11 @@ class Document:
         return self.scenes[key]
 
     def _shown_at(self, stride: int) -> list[Layer]:
-        first = self.layers[0]
-        clear = replace(first.layer_at(stride), only_slices=True, opacity=1.0, held=partial(first.none_at, stride))
-        return [layer.layer_at(stride) for layer in self._visible] or [clear]
+        layers = [layer.layer_at(stride) for layer in self.drawn_layers]
+        if any(style.is_shown for style in self.styles):
+            return layers
+        clear = partial(self.layers[0].none_at, stride)
+        return [replace(layers[0], only_slices=True, opacity=1.0, held=clear)]
 
     @property
     def subject(self) -> Bounded:
@@ -323,7 +320,8 @@ class Document:
     def home(self, size: tuple[int, int]) -> Pose:
         """The scene's initial view, with its pivot in the middle of the scene."""
         camera = replace(self.scene.view, size=size, width=None).camera(self.volume, self.subject)
-        fov = self.scene.view.fov or self.volume.hints.fov or _fov(camera)
+        seen = float(np.degrees(2 * np.arctan(camera.extent / 2))) if camera.perspective else FOV
+        fov = self.scene.view.fov or self.volume.hints.fov or seen
         return Pose(camera, self.middle, float(fov), self.reach)
 
     @property
@@ -339,11 +337,6 @@ class Document:
         points = np.concatenate([*corners, *(mesh.vertices for mesh in self.meshes)])
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         return float(np.linalg.norm(points - middle, axis=1).max())
-
-
-def _fov(camera: Camera) -> float:
-    """Field of view in degrees; FOV for an orthographic camera."""
-    return float(np.degrees(2 * np.arctan(camera.extent / 2))) if camera.perspective else FOV
 
 
 def styled_layers(source: LayerSource, settings: Settings) -> list[tuple[LayerSplats, LayerStyle]]:

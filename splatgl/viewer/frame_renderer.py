@@ -66,11 +66,6 @@ def tint_splats(splats: Splats, camera: Camera, z_k: float) -> Splats:
     return splats.in_cells(records=records)
 
 
-def splats_before(splats: Splats, camera: Camera, z_k: float) -> Splats:
-    """The splats up to z_k."""
-    return splats.part(depths(splats, camera) <= z_k)
-
-
 def tint_light(whole: np.ndarray, near: np.ndarray) -> np.ndarray:
     """The picture float32 [H, W, 4] with tinted light from beyond z_k. near: the picture without that light."""
     beyond = whole - near
@@ -106,8 +101,6 @@ BELOW = 110.0
 SEEN, COVERED = 0.02, 0.02
 # images with a side of more than n × ENOUGH pixels are compared with their preview at every (n + 1)-th pixel
 ENOUGH = 1000
-
-
 Ask = Callable[[], bool]
 
 
@@ -174,7 +167,7 @@ class FrameRenderer:
             # what blurs motion is of use once the view turns
             print_lines(image.plan.notes_in_motion, False)
         if tint and first.is_post_classified:
-            pixels = tint_light(pixels, render(splats_before(splats, camera, z_k)).pixels)
+            pixels = tint_light(pixels, render(splats.part(depths(splats, camera) <= z_k)).pixels)
         pinned = None if state.beside is None else self._draw_pinned(state.beside, camera, level, interrupted)
         seconds = time.perf_counter() - started
 
@@ -229,7 +222,11 @@ class FrameRenderer:
             return False
         self.overlay, self.overlay_beside = wanted, pinned
         drawn = draw_overlay(wanted)
-        self.screen.put("overlay", drawn if pinned is None else np.hstack([drawn, _with_edge(draw_overlay(pinned))]))
+        if pinned is not None:
+            beside = draw_overlay(pinned).copy()
+            beside[:, :1] = EDGE
+            drawn = np.hstack([drawn, beside])
+        self.screen.put("overlay", drawn)
         return True
 
     def _free(self, text: Text, state: State, scale: float) -> str:
@@ -313,13 +310,6 @@ class FrameRenderer:
             polygon = tuple((round(float(x)), round(float(y))) for x, y in section)
             paths = ((*polygon, polygon[0]),) if polygon else ()
         return Overlay(size, scale, tuple(texts), paths)
-
-
-def _with_edge(overlay: np.ndarray) -> np.ndarray:
-    """An overlay with a line along its left edge."""
-    overlay = overlay.copy()
-    overlay[:, :1] = EDGE
-    return overlay
 
 
 def _column(size: tuple[int, int], scale: float) -> int:

@@ -15,6 +15,7 @@ from splatgl.gl.context import current
 from splatgl.viewer.commands import Command
 from splatgl.viewer.document import Document
 from splatgl.viewer.hud import Frame
+from splatgl.viewer.input import CODES
 from splatgl.viewer.panel import Panel
 from splatgl.viewer.state import State
 from splatgl.viewer.trackball import docked_width
@@ -34,30 +35,12 @@ TOOLTIP, TOOLTIP_FRAMES = 0.4, 3
 # events of the mouse that may not share a frame
 MOUSE = {"cursor", "button"}
 # GLFW codes of the keys that go through the panel's widgets and edit them
-MOVES = {
-    32: imgui.Key.space,
-    256: imgui.Key.escape,
-    257: imgui.Key.enter,
-    335: imgui.Key.enter,
-    258: imgui.Key.tab,
-    262: imgui.Key.right_arrow,
-    263: imgui.Key.left_arrow,
-    264: imgui.Key.down_arrow,
-    265: imgui.Key.up_arrow,
-    266: imgui.Key.page_up,
-    267: imgui.Key.page_down,
-    268: imgui.Key.home,
-    269: imgui.Key.end,
-    342: imgui.Key.left_alt,
-    348: imgui.Key.menu,
-}
+ARROWS = ("left", "right", "up", "down")
+MOVING = ("space", "escape", "enter", "tab", "page_up", "page_down", "home", "end", *ARROWS)
+MOVES = {code: f"{name}_arrow" if name in ARROWS else name for code, name in CODES.items() if name in MOVING}
+MOVES |= {342: "left_alt", 348: "menu"}
 # and those used by text fields; letters are for ctrl+A, C, V, X, Z
-KEYS = {
-    **MOVES,
-    259: imgui.Key.backspace,
-    261: imgui.Key.delete,
-    **{ord(letter): getattr(imgui.Key, letter.lower()) for letter in "ACVXZ"},
-}
+KEYS = {**MOVES, 259: "backspace", 261: "delete", **{ord(letter): letter.lower() for letter in "ACVXZ"}}
 # GLFW's bits of the modifier keys, left and right
 BITS = {340: 1, 344: 1, 341: 2, 345: 2, 342: 4, 346: 4}
 MODIFIERS = ((1, imgui.Key.mod_shift), (2, imgui.Key.mod_ctrl), (4, imgui.Key.mod_alt))
@@ -174,7 +157,7 @@ class Gui:
             bit = BITS.get(code, 0)
             self._modify(bits & ~bit | bit * (action != RELEASE))
             if code in KEYS:
-                io.add_key_event(KEYS[code], action != RELEASE)
+                io.add_key_event(getattr(imgui.Key, KEYS[code]), action != RELEASE)
 
     def _modify(self, bits: int) -> None:
         for bit, key in MODIFIERS:

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
-import numpy as np
 from imgui_bundle import imgui
 
 from splatgl.annotations.text import plain
-from splatgl.data.color import linear_from_srgb, srgb_of_name
 from splatgl.data.mesh import OF_VOLUME, PLAIN
 from splatgl.planning.scene import MOST_LAYERS
 from splatgl.scene.meshes import MeshFile, is_mesh
@@ -103,7 +101,7 @@ def _draw_layer(state: State, number: int, style: LayerStyle, name: str) -> Stat
     edited = replace(style, visible=visible, opacity=pick_opacity(style.opacity, room))
     # for others, the colour map is chosen below
     if style.base.colormap.startswith("#"):
-        color = pick_color(tuple(map(float, colormap(style.base.colormap)[-1])))
+        color = pick_color(colormap(style.base.colormap)[-1])
         edited = edited if color is None else replace(edited, base=replace(style.base, colormap=color))
     edited, action = _draw_menu(edited, name, number > 0)
     state = state if edited == style else state.with_style(number, edited)
@@ -123,7 +121,7 @@ def _draw_mesh(state: State, document: Document, number: int, mesh: MeshFile) ->
     uniform = data is not None and data.colors is None and data.values is None
     linear = mesh.linear or (data.color if data is not None and uniform else None)
     # a mesh with colours of vertices or values shows grey until a colour is chosen
-    color = pick_color((0.5, 0.5, 0.5) if linear is None else tuple(map(float, linear)))
+    color = pick_color((0.5, 0.5, 0.5) if linear is None else linear)
     edited = replace(mesh, visible=visible, opacity=opacity, color=mesh.color if color is None else color)
     edited, action = _draw_menu(edited, mesh.name, True)
     files = state.mesh_files
@@ -215,7 +213,7 @@ def _row(style: LayerStyle, segment: Segment) -> tuple[LayerStyle, bool]:
     imgui.set_item_tooltip("Whether it is drawn.")
     if changed:
         style = with_shown(style, [number], is_shown)
-    color = pick_color(tuple(map(float, linear_from_srgb(np.array(srgb_of_name(segment.color)) / 255))))
+    color = pick_color(segment.color)
     imgui.same_line()
     imgui.align_text_to_frame_padding()
     wide = _name_width(room)

@@ -68,7 +68,6 @@ class Session:
         # the blend changes the default transfer function
         same = scene.transfer == self.scene.transfer and scene.settings.blend == self.scene.settings.blend
         document = self.document.with_settings(scene) if same else call_within(self.memory, Document.open, scene, True)
-        document = document.for_settings(document.scene.settings)
         self.scene, self.document = scene, document
         self.refiner.renew(document.counts, prod(self.pose.camera.size))
         self.touched = self.now()

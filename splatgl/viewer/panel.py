@@ -374,7 +374,10 @@ class Panel:
                 state = self._look(state, document, edited)
             is_amounts = not (state.style.base.labels or is_mesh(edited.scene.volume))
             if is_amounts and imgui.collapsing_header("Iso-surfaces"):
-                state = self._iso(state, edited)
+                low, high = transfer_editor.value_range(self.curve.statistics_of(edited.volume))
+                surfaces = transfer_editor.draw_iso(state.style.base, low, high)
+                # the curve stays as it is
+                state = state if surfaces is state.style.base else state.edit(base=surfaces)
             for title, draw in SECTIONS.items():
                 if imgui.collapsing_header(title):
                     state = draw(state, document, self.widgets)
@@ -385,7 +388,10 @@ class Panel:
                         for line in hud.full_lines(state, document, frame, None)[1:]:
                             imgui.text_wrapped(plain(line))
             if imgui.collapsing_header("Statistics"):
-                self._statistics(state, document, frame)
+                stats = self.curve.statistics_of(edited.volume)
+                text = hud.describe_volume(edited.volume, stats, len(state.style.base.labels))
+                imgui.text_wrapped(plain(text))
+                imgui.text_wrapped(plain(hud.describe_picture(document, frame)))
         self._end()
         self.browser.draw(room)
         return state
@@ -459,18 +465,6 @@ class Panel:
                 imgui.end_tab_item()
             imgui.end_tab_bar()
         return base
-
-    def _iso(self, state: State, layer: LayerSplats) -> State:
-        """The surfaces at values; the curve stays as it is."""
-        base = state.style.base
-        edited = transfer_editor.draw_iso(base, *transfer_editor.value_range(self.curve.statistics_of(layer.volume)))
-        return state if edited is base else state.edit(base=edited)
-
-    def _statistics(self, state: State, document: Document, frame: Frame | None) -> None:
-        volume = document.pool.get(state.style.number, document.layers[0]).volume
-        text = hud.describe_volume(volume, self.curve.statistics_of(volume), len(state.style.base.labels))
-        for sentences in (text, hud.describe_picture(document, frame)):
-            imgui.text_wrapped(plain(sentences))
 
 
 # lowest and highest time points a second

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 from imgui_bundle import imgui
+from numpy.typing import ArrayLike
 
 from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.annotations.canvas import Subject
 from splatgl.annotations.text import legible, plain
 from splatgl.annotations.world_lines import measure_text
-from splatgl.data.color import linear_from_srgb, srgb_from_linear
+from splatgl.data.color import linear_from_srgb, srgb_from_linear, srgb_of_name
 from splatgl.data.volume import Volume
 from splatgl.geometry.clipping import Plane
 from splatgl.gl.screen import GROUNDS
@@ -231,10 +232,13 @@ def pick_opacity(opacity: float, room: float, left: float = 0.0) -> float:
     return round(float(np.clip(value, 0.0, 1.0)), DIGITS) if changed else opacity
 
 
-def pick_color(linear: tuple[float, ...]) -> str | None:
-    """Field of a colour; returns "#rrggbb" if another one is chosen."""
+def pick_color(color: str | ArrayLike) -> str | None:
+    """Field of a colour, a name or linear RGB; returns "#rrggbb" if another one is chosen."""
     imgui.same_line()
-    coded = list(map(float, srgb_from_linear(np.clip(np.array(linear), 0.0, 1.0))))
+    if isinstance(color, str):
+        coded = [part / 255 for part in srgb_of_name(color)]
+    else:
+        coded = list(map(float, srgb_from_linear(np.clip(np.array(color), 0.0, 1.0))))
     flags = imgui.ColorEditFlags_.no_inputs | imgui.ColorEditFlags_.no_label
     changed, picked = imgui.color_edit3("colour", coded, flags)
     if not changed:

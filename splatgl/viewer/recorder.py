@@ -45,7 +45,8 @@ def movie_scene(state: State, document: Document, times: Sequence[SceneFile]) ->
     annotate, more, shown = scene.annotate, [], times[state.time : state.time + 1]
     if movie.series and len(times) > 1:
         annotate, shown = (*annotate, *["time"] * movie.stamped), times[:1]
-        more = [str(_absolute(point.volume)) for point in times[1:] if point.volume != times[0].volume]
+        others = [point.volume for point in times[1:] if point.volume != times[0].volume]
+        more = [file if file in SCENES or is_address(file) else str(Path(file).resolve()) for file in others]
     load = {name: value for name, value in scene.load.items() if name != "time"}
     for point in shown:
         scene = replace(scene, volume=point.volume)
@@ -59,10 +60,6 @@ def movie_scene(state: State, document: Document, times: Sequence[SceneFile]) ->
         annotate=annotate,
         animation=movie.table(document, len(times)),
     ), more
-
-
-def _absolute(volume: str) -> str | Path:
-    return volume if volume in SCENES or is_address(volume) else Path(volume).resolve()
 
 
 def movie_command(state: State, document: Document, times: Sequence[SceneFile]) -> str:

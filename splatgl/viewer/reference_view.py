@@ -155,9 +155,9 @@ def serve() -> None:
                 yield band
 
         try:
-            kernels, *wanted = _received()
+            kernels, subject, camera, settings = _received()
             KERNELS.update(kernels)
-            _send(output, renderer.render(*wanted, progress=progress))
+            _send(output, renderer.render(subject, camera, settings, progress=progress))
         except USER_ERRORS as error:
             _send(output, error)
 

@@ -18,10 +18,10 @@ from splatgl.data.image import SAVED, Image
 from splatgl.errors import USER_ERRORS, error_text, expected
 from splatgl.fileio import check_output, overwrites, write_file
 from splatgl.geometry.camera import Camera
-from splatgl.gl.screen import Sprite, Stroke
+from splatgl.gl.screen import Stroke
 from splatgl.planning.scene import Scene
 from splatgl.scene.draw import finish
-from splatgl.scene.meshes import MeshFile, surfaces_of
+from splatgl.scene.meshes import MeshFile
 from splatgl.scene.open_scene import OpenScene, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import OF_POINTS
@@ -33,7 +33,7 @@ from splatgl.viewer.frame_renderer import EDGE
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.movie_track import Movie
 from splatgl.viewer.slice_views import slice_outlines
-from splatgl.viewer.state import LayerStyle, Pinned, State
+from splatgl.viewer.state import LayerStyle, State
 
 # opacity of the rim around lines, as on the screen
 RIM = 0.6
@@ -49,39 +49,27 @@ def compose_screenshot(
     hidden.
     """
     camera = state.pose.camera
-    image = draw_marks(image, slice_outlines(state.slices, document.volume, camera, scale), ())
+    image = draw_strokes(image, slice_outlines(state.slices, document.volume, camera, scale))
     if state.beside is not None:
-        image = append_pinned(image, draw_pinned(state.beside, camera, draw))
+        matter, settings = state.beside.document.with_current_splats().subject_at(1, state.beside.still)
+        image = append_pinned(image, draw(matter, camera, settings))
     return image if slices is None else append_slices(image, slices)
 
 
-def draw_marks(image: Image, strokes: Sequence[Stroke], sprites: Sequence[Sprite]) -> Image:
-    """A picture under marks, in the order in which the window draws them."""
-    if not strokes and not sprites:
+def draw_strokes(image: Image, strokes: Sequence[Stroke]) -> Image:
+    """A picture under strokes, in the order in which the window draws them."""
+    if not strokes:
         return image
     layer = Canvas(np.zeros_like(image.pixels), WHITE)
-    for sprite in sprites:
-        left, top = (round(edge) for edge in sprite.place[:2])
-        color = linear_from_srgb(sprite.pixels[..., :3] / 255)
-        layer.blend_mask(linear_opacity(sprite.pixels[..., 3] / 255), color, (left, top))
     for stroke in strokes:
         ends, alpha = np.array([[*stroke.start, *stroke.stop]]), stroke.color[3]
         red, green, blue = linear_from_srgb(np.array(stroke.color[:3])).tolist()
-        layer.segments(ends, BLACK, float(linear_opacity(RIM * alpha)), stroke.width + stroke.rim)
+        # darkens linear light as much as the rim darkens the screen's values
+        rim = float(1 - linear_from_srgb(np.array(1 - RIM * alpha)))
+        layer.segments(ends, BLACK, float(np.float32(rim)), stroke.width + stroke.rim)
         layer.segments(ends, (red, green, blue), alpha, stroke.width)
     under = (1 - layer.pixels[..., 3:]) * image.pixels
     return Image(under + np.float32(image.white) * layer.pixels, image.info)
-
-
-def linear_opacity(alpha: np.ndarray | float) -> np.ndarray:
-    """The opacity that darkens linear light as much as alpha darkens the screen's values."""
-    return np.asarray(1 - linear_from_srgb(1 - np.asarray(alpha)), np.float32)
-
-
-def draw_pinned(pinned: Pinned, camera: Camera, draw: Draw) -> Image:
-    """The picture of what is pinned, without annotations."""
-    matter, settings = pinned.document.with_current_splats().subject_at(1, pinned.still)
-    return draw(matter, camera, settings)
 
 
 def append_pinned(image: Image, right: Image) -> Image:
@@ -125,19 +113,22 @@ def scene_of(state: State, document: Document, on_paper: bool = True) -> SceneFi
     annotate = state.annotate if min(view.size) >= LEAST_SIDE else ()
     names = ("title", "load", "transfer", "look", "threshold", "opacity", "visible")
     look = {name: getattr(first_scene, name) for name in names}
-    scissors = shown.styles[0].scissors
-    parts: dict[str, Any] = {
-        "layers": tuple(others),
-        "meshes": meshes,
-        "measures": state.measures,
-        "scissors": scissors,
-        "slices": (),
-        "slice_planes": state.slice_planes,
-    }
-    scene = replace(document.scene, **look, **parts)
-    if state.movie != Movie.of(scene.animation, document.volume):
-        scene = replace(scene, animation=state.movie.table(document, state.times))
-    return replace(scene, view=view, settings=settings, annotate=annotate)
+    scene = replace(
+        document.scene,
+        **look,
+        view=view,
+        settings=settings,
+        annotate=annotate,
+        layers=tuple(others),
+        meshes=meshes,
+        measures=state.measures,
+        scissors=shown.styles[0].scissors,
+        slices=(),
+        slice_planes=state.slice_planes,
+    )
+    if state.movie == Movie.of(scene.animation, document.volume):
+        return scene
+    return replace(scene, animation=state.movie.table(document, state.times))
 
 
 def _whole_layers(document: Document) -> list[tuple[LayerSplats, LayerStyle]]:
@@ -155,12 +146,6 @@ def _whole_layers(document: Document) -> list[tuple[LayerSplats, LayerStyle]]:
     return pairs
 
 
-def _style(scene: SceneFile, layer: LayerSplats) -> LayerStyle:
-    """The style of a layer in a scene."""
-    base = replace(scene, opacity=1.0).transfer_for(layer.stored)
-    return LayerStyle(base, scene.threshold, 1.0, scene.opacity, scene.visible)
-
-
 def _layer_scene(layer: LayerSplats, style: LayerStyle) -> SceneFile:
     """The scene of one layer in a style."""
     scene, shown = layer.scene, layer.stand_in
@@ -174,20 +159,13 @@ def _layer_scene(layer: LayerSplats, style: LayerStyle) -> SceneFile:
 
 
 def render_scene(scene: SceneFile, document: Document, draw: Draw) -> Image:
-    """The image that `splatgl render` makes of a scene of this document, drawn by the window's renderer."""
+    """The image that `splatgl render` makes of a scene of this document, in whose styles it is, drawn by the window's
+    renderer.
+    """
     transfer = scene.transfer_for(document.volume)
-    # both parts of a layer that planes leave partly whole are of one scene
-    known = dict.fromkeys(id(layer.scene) for layer in document.layers)
-    part_of, cut = dict(zip(known, (scene, *scene.layers), strict=True)), scene.scissors
-    parts = [(part_of[id(layer.scene)], layer) for layer in document.layers]
-    styles = [
-        replace(_style(part, layer), number=style.number, scissors=cut)
-        for (part, layer), style in zip(parts, document.styles, strict=True)
-    ]
-    document = document.with_planes(scene.slice_planes)
-    document = document.with_styles(styles, surfaces_of(scene), scene.settings).with_current_splats()
-    subject, settings = document.subject_at(1, scene.settings)
-    camera = scene.view.camera(document.volume, subject)
+    shown = document.with_planes(scene.slice_planes).for_settings(scene.settings).with_current_splats()
+    subject, settings = shown.subject_at(1, scene.settings)
+    camera = scene.view.camera(shown.volume, subject)
     image = draw(subject, camera, without_background(settings, scene.annotate))
     # the first volume may be the part that planes leave whole
     return finish(image, None, OpenScene(replace(scene, layers=(), uncut=""), document.volume, transfer))

@@ -24,6 +24,7 @@ from splatgl.geometry.slices import (
 from splatgl.planning.scene import Layer, Scene
 from splatgl.scene.meshes import is_mesh
 from splatgl.transfer.presets import slice_colors
+from splatgl.viewer.trackball import rotation
 
 if TYPE_CHECKING:
     from splatgl.viewer.layer_splats import LayerSplats
@@ -39,12 +40,8 @@ SAME = 1e-9
 
 
 def turned(turn: Turn, about: np.ndarray, degrees: float) -> Turn:
-    """The rotation followed by one about a unit vector [3] (Rodrigues)."""
-    angle = np.radians(degrees)
-    x, y, z = about
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    step = np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
-    return _rotation(step @ np.array(turn).reshape(3, 3))
+    """The rotation followed by one about a vector [3]."""
+    return _rotation(rotation(about, float(np.radians(degrees))) @ np.array(turn).reshape(3, 3))
 
 
 def _rotation(matrix: np.ndarray) -> Turn:

@@ -17,7 +17,6 @@ from splatgl.errors import InputError
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.slices import ANATOMY, Painter, SlicePlane, world_axes
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
-from splatgl.scene.meshes import is_mesh
 from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.segments import segment_name
 from splatgl.viewer.slice_planes import (
@@ -159,7 +158,8 @@ class SliceTool(Tool):
         # keys and reasons of slices that cannot be read: not tried again until slices are hidden
         self.failed: dict[int, tuple[Key, str]] = {}
         self.dragged: int | None = None
-        self.turning: SliceTurn | None = None
+        # of the drag that turns the others about a pane's normal: the pane, and angle and rotation before it
+        self.turning: tuple[Pane, float, Turn] | None = None
 
     def panes(self, state: State, document: Document, view: View) -> tuple[Pane, ...]:
         """The visible slices."""
@@ -177,7 +177,7 @@ class SliceTool(Tool):
             return None if pane is None else state
         dots = [dot for _, dot in turn_dots(pane, state.slices, document.volume)]
         if min(np.hypot(*np.subtract(dot, pointer.place)) for dot in dots) <= NEAR * view.scale:
-            self.turning = SliceTurn(pane, _angle(pane, pointer.place), state.slices.turn)
+            self.turning = pane, _angle(pane, pointer.place), state.slices.turn
             return state
         self.dragged = pane.axis
         return _link_slices(state, document, pane, pointer.place)
@@ -185,7 +185,9 @@ class SliceTool(Tool):
     def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
         """Drags the other two slices, or turns them."""
         if self.turning is not None:
-            turn = self.turning.to(pointer.place)
+            # whatever the path of the cursor
+            pane, angle, before = self.turning
+            turn = turned(before, pane.plane.normal, _angle(pane, pointer.place) - angle)
             return with_slices(state, with_turn(state.slices, turn, document.volume), document.volume)
         if self.dragged is None:
             return None
@@ -239,7 +241,7 @@ class SliceTool(Tool):
             pixels = self._pixels(pane, state.slices, painter, volume)
             if pixels is not None:
                 sprites.append(Sprite(pixels, pane.box, smooth=state.slices.turn == STRAIGHT))
-            labels += _labels(_title(pane, state.slices, volume), pane, volume, scale)
+            labels += _labels(pane, state.slices, volume, scale)
             strokes += _cross(pane, state.slices, volume, scale)
         values = slice_values(state, document, int((view.size[0] - left) / LETTER / scale))
         if values:
@@ -302,25 +304,10 @@ def slice_values(state: State, document: Document, most: int) -> tuple[str, ...]
         if is_inside and isinstance(part.samples, np.ndarray):
             sample = part.samples[tuple(place[::-1])]
             text = f"{sample:.6g} {segment_name(style, part, sample) or part.value_unit}".rstrip()
-            texts.append(text if len(shown) < 2 else f"{_cut(style.title or layer.name, most - len(text) - 2)}: {text}")
+            name, room = style.title or layer.name, most - len(text) - 2
+            name = name if len(name) <= room else f"{name[: max(room - 1, 1)]}…"
+            texts.append(text if len(shown) < 2 else f"{name}: {text}")
     return tuple(texts)
-
-
-def _cut(name: str, most: int) -> str:
-    return name if len(name) <= most else f"{name[: max(most - 1, 1)]}…"
-
-
-@dataclass(frozen=True, eq=False)
-class SliceTurn:
-    """Drag that turns the other slices about the normal of a pane's. angle: of the press, degrees; turn: before it."""
-
-    pane: Pane
-    angle: float
-    turn: Turn
-
-    def to(self, place: Place) -> Turn:
-        """The rotation for a cursor position, whatever the path to it."""
-        return turned(self.turn, self.pane.plane.normal, _angle(self.pane, place) - self.angle)
 
 
 def _angle(pane: Pane, place: Place) -> float:
@@ -375,14 +362,10 @@ def _long(first: Place, second: Place, room: Box) -> np.ndarray:
     return np.concatenate([a - far, b + far])[None]
 
 
-def _title(pane: Pane, slices: Slices, volume: Volume) -> str:
-    """Name and number of a slice."""
+def _labels(pane: Pane, slices: Slices, volume: Volume, scale: float) -> list[Sprite]:
+    """Name and number of a slice, and letters of directions at its edges."""
     name = ANATOMY[world_axes(volume)[pane.axis]] if volume.frame else "xyz"[pane.axis]
-    return f"{name} {slices.index(volume)[pane.axis]}" if slices.turn == STRAIGHT else f"{name} turned"
-
-
-def _labels(name: str, pane: Pane, volume: Volume, scale: float) -> list[Sprite]:
-    """Name of a slice, and letters of directions at its edges."""
+    name = f"{name} {slices.index(volume)[pane.axis]}" if slices.turn == STRAIGHT else f"{name} turned"
     left, top, right, bottom = pane.room
     gap, middle = GAP * scale, ((left + right) / 2, (top + bottom) / 2)
     title = _label_at(name, (left + gap, top + gap), (0.0, 0.0), scale)
@@ -452,61 +435,3 @@ def clip_strokes(strokes: tuple[Stroke, ...], edge: float) -> tuple[Stroke, ...]
             share = (edge - x) / (u - x)
             clipped.append(replace(stroke, start=(x, y), stop=(edge, y + share * (v - y))))
     return tuple(clipped)
-
-
-Run = Callable[["State", "Document"], "State"]
-
-# degrees by which a key turns slices
-TURN = 5.0
-
-
-def _show(state: State, document: Document) -> State:
-    return replace(state, slices=replace(state.slices, shown=not state.slices.shown))
-
-
-def _color(state: State, document: Document) -> State:
-    colored = not state.slices.colored
-    message = "slices in the colours of values" if colored else "slices in grey, by the window of values"
-    return replace(state, slices=replace(state.slices, colored=colored, shown=True), message=message)
-
-
-def _show_in_space(state: State, document: Document) -> State:
-    if state.slice_planes:
-        return replace(state, slices=replace(state.slices, in_space=False), slice_planes=())
-    if document.volume.points is not None or is_mesh(document.scene.volume):
-        return replace(state, message="no slices: there are no voxels")
-    if not state.settings.hides:
-        return replace(state, message="slices are shown in blend composite only")
-    return with_slices(state, replace(state.slices, in_space=True), document.volume)
-
-
-def _turn(axis: int, degrees: float) -> Run:
-    def turn(state: State, document: Document) -> State:
-        slices, about = state.slices, normals(state.slices, document.volume)[axis]
-        made = with_turn(slices, turned(slices.turn, about, degrees), document.volume)
-        return with_slices(state, replace(made, shown=True), document.volume)
-
-    return turn
-
-
-def _straighten(state: State, document: Document) -> State:
-    index = state.slices.index(document.volume)
-    return with_slices(state, replace(state.slices, turn=STRAIGHT).at(index, document.volume), document.volume)
-
-
-LOOKS, TURNS = "slices in colours; as planes", "turn slices about x, y, z; shift: back"
-# id, title, keys, effect, and the text of a row of the help that several share
-SLICES: tuple[tuple[str, str, tuple[str, ...], Run, str], ...] = (
-    ("slices", "slices: the wheel and clicks move them", ("z",), _show, ""),
-    ("slice-colors", "slices in grey or in colours", ("shift+z",), _color, LOOKS),
-    ("slices-in-space", "slices as planes in the picture", ("alt+z",), _show_in_space, LOOKS),
-    *(
-        (f"turn-slices-{name}", f"turn slices about {name}", (f"alt+{n + 1}",), _turn(n, TURN), TURNS)
-        for n, name in enumerate("xyz")
-    ),
-    *(
-        (f"turn-slices-back-{name}", f"turn slices back about {name}", (f"alt+shift+{n + 1}",), _turn(n, -TURN), TURNS)
-        for n, name in enumerate("xyz")
-    ),
-    ("straighten-slices", "slices along the axes again", ("alt+0",), _straighten, ""),
-)

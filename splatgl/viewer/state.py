@@ -128,11 +128,6 @@ def _side(plane: Plane, volume: Volume) -> tuple[int, int, float] | None:
     return (axis, int(g[axis] < 0), share) if -SAME <= share <= 1 + SAME else None
 
 
-def default_annotations(document: Document) -> tuple[str, ...]:
-    """The annotations of the document's scene, else the default ones of its volume."""
-    return document.scene.annotate or default_names(Subject.of(document.volume))
-
-
 @dataclass(frozen=True)
 class Ruler:
     """points: picked for the next measure, world units. active: whether clicks pick points. angle: whether angles are
@@ -252,10 +247,8 @@ class Slices:
 
     def through(self, point: np.ndarray, volume: Volume) -> Slices:
         """The slices through a world point [3], or the middle of its voxel unless they are turned."""
-        if self.turn != STRAIGHT:
-            index = np.linalg.solve(volume.world_from_index, point - np.asarray(volume.origin))
-            return replace(self, place=shares(index, volume))
-        return self.at(np.linalg.solve(volume.world_from_index, point - np.asarray(volume.origin)).tolist(), volume)
+        index = np.linalg.solve(volume.world_from_index, point - np.asarray(volume.origin))
+        return self.at(index.tolist(), volume) if self.turn == STRAIGHT else replace(self, place=shares(index, volume))
 
 
 # the annotation of distances and angles
@@ -339,13 +332,19 @@ class State:
     @classmethod
     def of(cls, document: Document, size: tuple[int, int]) -> State:
         """Initial state of a document: its home view at `size` pixels, its settings and transfer functions."""
-        settings = document.scene.settings
-        cuts, annotate = Cuts.of(settings.clip, document.volume), default_annotations(document)
-        files = document.mesh_files
         scene, volume = document.scene, document.volume
-        extras: dict[str, Any] = {"movie": Movie.of(scene.animation, volume), "measures": scene.measures}
-        extras |= {"slices": slices_of(Slices(), scene.slice_planes, volume), "slice_planes": scene.slice_planes}
-        return cls(document.home(size), settings, document.styles, 0, files, cuts, annotate, **extras)
+        return cls(
+            document.home(size),
+            scene.settings,
+            document.styles,
+            mesh_files=document.mesh_files,
+            cuts=Cuts.of(scene.settings.clip, volume),
+            annotate=scene.annotate or default_names(Subject.of(volume)),
+            slices=slices_of(Slices(), scene.slice_planes, volume),
+            slice_planes=scene.slice_planes,
+            movie=Movie.of(scene.animation, volume),
+            measures=scene.measures,
+        )
 
     @property
     def gliding(self) -> bool:
@@ -479,11 +478,6 @@ class History:
     def resume(self, state: State) -> None:
         """Goes on from the latest state in other display options and another size, which is not a step."""
         self.now = _as_step(state)
-
-    def begin(self, state: State) -> None:
-        """Starts again with the state of another document, which is saved."""
-        self.forget(state)
-        self.saved = self.now
 
     def forget(self, state: State) -> None:
         """Drops all steps: layers or channels of other files cannot be restored."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 
 from splatgl.data.volume import Triple
-from splatgl.geometry.camera import Camera
+from splatgl.geometry.camera import Camera, cross_matrix
 from splatgl.scene.view import ViewOptions
 
 if TYPE_CHECKING:
@@ -217,25 +217,25 @@ class Pose:
         """Trackball rotation for a cursor move from start to stop."""
         a, b = _on_ball(self.camera.size, start), _on_ball(self.camera.size, stop)
         # rotation by twice the angle from a to b: reversible and independent of the path [Shoemake 1992]
-        return self._turned(_turn(np.cross(a, b), 2.0 * float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))))
+        return self._turned(rotation(np.cross(a, b), 2.0 * float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))))
 
     def rolled(self, start: Place, stop: Place) -> Pose:
         """Rotation about the line of sight by the angle between two positions, seen from the image centre."""
         middle = np.array(self.camera.size) / 2
         angles = [np.arctan2(*(np.array(place) - middle)[::-1]) for place in (start, stop)]
-        return self._turned(_turn(np.array([0.0, 0.0, 1.0]), float(angles[1] - angles[0])))
+        return self._turned(rotation(np.array([0.0, 0.0, 1.0]), float(angles[1] - angles[0])))
 
     def spun(self, degrees: float, up: np.ndarray) -> Pose:
         """Rotation about the world's `up` through the pivot: counter-clockwise seen from above."""
-        return self._turned(_turn(self.camera.eye_from_world @ up, float(np.radians(degrees))))
+        return self._turned(rotation(self.camera.eye_from_world @ up, float(np.radians(degrees))))
 
     def lifted(self, degrees: float) -> Pose:
         """Rotation about the picture's horizontal through the pivot: the eye rises."""
-        return self._turned(_turn(np.array([1.0, 0.0, 0.0]), float(np.radians(degrees))))
+        return self._turned(rotation(np.array([1.0, 0.0, 0.0]), float(np.radians(degrees))))
 
     def tipped(self, degrees: float) -> Pose:
         """Rotation of the picture about the line of sight, clockwise."""
-        return self._turned(_turn(np.array([0.0, 0.0, 1.0]), float(np.radians(degrees))))
+        return self._turned(rotation(np.array([0.0, 0.0, 1.0]), float(np.radians(degrees))))
 
     def swept(self, start: Place, stop: Place, up: np.ndarray) -> Pose:
         """Turntable rotation for a cursor move: across about `up`, along it up to the poles."""
@@ -292,13 +292,12 @@ def _on_ball(size: tuple[int, int], place: Place) -> np.ndarray:
     return np.asarray(point / np.linalg.norm(point))
 
 
-def _turn(axis: np.ndarray, angle: float) -> np.ndarray:
+def rotation(axis: np.ndarray, angle: float) -> np.ndarray:
     """Rotation [3, 3] by an angle in radians about an axis of any length; identity for a zero axis.  [Rodrigues]"""
     length = float(np.linalg.norm(axis))
     if not length > 0.0:
         return np.eye(3)
-    x, y, z = axis / length
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = cross_matrix(axis / length)
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
 
 

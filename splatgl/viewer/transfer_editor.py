@@ -12,7 +12,7 @@ from imgui_bundle import imgui, implot
 from numpy.typing import ArrayLike
 
 from splatgl.annotations.text import plain
-from splatgl.data.color import linear_from_srgb, srgb_from_linear, srgb_of_name
+from splatgl.data.color import srgb_from_linear, srgb_of_name
 from splatgl.data.volume import Volume
 from splatgl.splat.extract_values import gradients
 from splatgl.transfer.presets import SURFACE
@@ -57,9 +57,12 @@ def remove_point(points: Points, number: int) -> Points:
 
 
 class ColorStrip:
-    """Draws the strip and holds what outlasts a frame."""
+    """Draws the strip and holds what outlasts a frame. span: values at its ends; room: its left end and width, screen
+    units.
+    """
 
     def __init__(self) -> None:
+        self.span, self.room = (0.0, 1.0), (0.0, 1.0)
         # the drawn colours, and their key
         self.colored: object = None
         self.colors: list[imgui.ImVec4] = []
@@ -70,61 +73,59 @@ class ColorStrip:
         self.picked, self.moved = 0, False
 
     def draw(self, transfer: Transfer, span: tuple[float, float], room: tuple[float, float], high: float) -> Transfer:
-        """The strip; returns the edited transfer function. span: values at its ends; room: its left end and width,
-        screen units; high: its height.
-        """
-        top = imgui.get_cursor_screen_pos().y
-        self._paint(transfer, span, room, (top, high))
+        """The strip, so high; returns the edited transfer function."""
+        self.span, self.room, top = span, room, imgui.get_cursor_screen_pos().y
+        self._paint(transfer, top, high)
         points = self.points if transfer == self.made else color_points(transfer)
-        edited = self._edit_points(points, span, room, (top, high))
+        edited = self._edit_points(points, top, high)
         imgui.set_cursor_screen_pos((room[0], top))
         imgui.invisible_button("##colors", (room[1], high))
         if imgui.is_item_hovered():
-            value = _value_at(imgui.get_mouse_pos().x, span, room)
+            value = self._pointed
             imgui.set_tooltip(f"{value:.4g}\n{COLOR_HINT}")
             if edited is points and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
                 color = srgb_from_linear(np.clip(transfer.color(np.array(value)), 0.0, 1.0))
                 edited, _ = add_point(points, value, code_of(color))
-        edited = self._pick(edited, span)
+        edited = self._pick(edited)
         if edited is points:
             return transfer
         self.made, self.points = with_color_points(transfer, edited), edited
         return self.made
 
-    def _paint(
-        self, transfer: Transfer, span: tuple[float, float], room: tuple[float, float], rows: tuple[float, float]
-    ) -> None:
-        """Draws the colours. rows: the strip's top and height."""
-        if (transfer, span) != self.colored:
-            values = span[0] + (np.arange(COLORS) + 0.5) / COLORS * (span[1] - span[0])
+    @property
+    def _pointed(self) -> float:
+        """The value under the cursor."""
+        share = np.clip((imgui.get_mouse_pos().x - self.room[0]) / self.room[1], 0.0, 1.0)
+        return float(self.span[0] + share * (self.span[1] - self.span[0]))
+
+    def _paint(self, transfer: Transfer, top: float, high: float) -> None:
+        """Draws the colours."""
+        if (transfer, self.span) != self.colored:
+            values = self.span[0] + (np.arange(COLORS) + 0.5) / COLORS * (self.span[1] - self.span[0])
             colors = srgb_from_linear(np.clip(transfer.color(values), 0.0, 1.0))
             self.colors = [imgui.ImVec4(*(float(part) for part in (*rgb, 1.0))) for rgb in colors]
-            self.colored = transfer, span
-        pen, step = imgui.get_window_draw_list(), room[1] / COLORS
+            self.colored = transfer, self.span
+        pen, step = imgui.get_window_draw_list(), self.room[1] / COLORS
         for number, color in enumerate(self.colors):
-            left = room[0] + number * step
-            corners = imgui.ImVec2(left, rows[0]), imgui.ImVec2(left + step + 1, rows[0] + rows[1])
+            left = self.room[0] + number * step
+            corners = imgui.ImVec2(left, top), imgui.ImVec2(left + step + 1, top + high)
             pen.add_rect_filled(*corners, int(imgui.get_color_u32(color)))
 
-    def _edit_points(
-        self, points: ColorPoints, span: tuple[float, float], room: tuple[float, float], rows: tuple[float, float]
-    ) -> ColorPoints:
+    def _edit_points(self, points: ColorPoints, top: float, high: float) -> ColorPoints:
         """The points after mouse input; draws those within the span."""
-        radius, edited = COLOR_POINT * imgui.get_style().font_scale_main, points
+        radius, edited, (left, wide) = COLOR_POINT * imgui.get_style().font_scale_main, points, self.room
         for number, (value, code) in enumerate(points):
-            place = room[0] + (value - span[0]) / (span[1] - span[0]) * room[1]
-            if not room[0] <= place <= room[0] + room[1]:
+            place = left + (value - self.span[0]) / (self.span[1] - self.span[0]) * wide
+            if not left <= place <= left + wide:
                 continue
-            imgui.set_cursor_screen_pos((place - radius, rows[0]))
-            imgui.invisible_button(f"##color {number}", (2 * radius, rows[1]))
-            self._mark(place, rows[0] + rows[1] / 2, radius, code)
+            imgui.set_cursor_screen_pos((place - radius, top))
+            imgui.invisible_button(f"##color {number}", (2 * radius, high))
+            self._mark(place, top + high / 2, radius, code)
             if edited is points:
-                edited = self._edit_point(points, number, span, room)
+                edited = self._edit_point(points, number)
         return edited
 
-    def _edit_point(
-        self, points: ColorPoints, number: int, span: tuple[float, float], room: tuple[float, float]
-    ) -> ColorPoints:
+    def _edit_point(self, points: ColorPoints, number: int) -> ColorPoints:
         """The points after input to the last widget, one of them."""
         removes = imgui.is_item_clicked(imgui.MouseButton_.right)
         removes |= imgui.get_io().key_ctrl and imgui.is_item_clicked(imgui.MouseButton_.left)
@@ -134,7 +135,7 @@ class ColorStrip:
             self.moved = False
         if imgui.is_item_active() and imgui.is_mouse_dragging(imgui.MouseButton_.left):
             self.moved = True
-            return move_point(points, number, _value_at(imgui.get_mouse_pos().x, span, room), points[number][1])
+            return move_point(points, number, self._pointed, points[number][1])
         if imgui.is_item_deactivated() and not self.moved:
             self.picked = number
             imgui.open_popup(PICKER)
@@ -148,7 +149,7 @@ class ColorStrip:
         for size, color in ((radius, (0.0, 0.0, 0.0)), (radius - 1, (1.0, 1.0, 1.0)), (radius - 2, tuple(rgb))):
             pen.add_circle_filled(imgui.ImVec2(x, y), size, int(imgui.get_color_u32(imgui.ImVec4(*color, 1.0))))
 
-    def _pick(self, points: ColorPoints, span: tuple[float, float]) -> ColorPoints:
+    def _pick(self, points: ColorPoints) -> ColorPoints:
         """The points after input to the picker of a colour and its value, if it is open."""
         if not imgui.begin_popup(PICKER):
             return points
@@ -157,10 +158,11 @@ class ColorStrip:
         changed, color = imgui.color_picker3("##color", rgb, imgui.ColorEditFlags_.no_side_preview)
         if changed:
             points = move_point(points, number, points[number][0], code_of(list(color)))
-        moved, value = imgui.drag_float("value", points[number][0], (span[1] - span[0]) / (4 * COLORS), format="%.5g")
+        step = (self.span[1] - self.span[0]) / (4 * COLORS)
+        moved, value = imgui.drag_float("value", points[number][0], step, format="%.5g")
         points = move_point(points, number, value, points[number][1]) if moved else points
         if imgui.button("one more"):
-            following = points[number + 1][0] if number + 1 < len(points) else span[1]
+            following = points[number + 1][0] if number + 1 < len(points) else self.span[1]
             points, _ = add_point(points, (points[number][0] + following) / 2, points[number][1])
         imgui.set_item_tooltip("Adds a point of this colour, halfway to the next one.")
         imgui.same_line()
@@ -169,11 +171,6 @@ class ColorStrip:
             imgui.close_current_popup()
         imgui.end_popup()
         return points
-
-
-def _value_at(x: float, span: tuple[float, float], room: tuple[float, float]) -> float:
-    """The value at a place of the screen."""
-    return float(span[0] + np.clip((x - room[0]) / room[1], 0.0, 1.0) * (span[1] - span[0]))
 
 
 # opacities up to this take about as much of the axis as each decade above
@@ -242,54 +239,6 @@ HISTOGRAM, LINE, NODE = (0.5, 0.5, 0.55, 0.6), (0.95, 0.6, 0.15, 1.0), (1.0, 0.7
 HINT = "drag a point; double click for a new one; right click or ctrl+click removes; the wheel zooms, a drag moves"
 
 
-class PointFields:
-    """Numbers of one point of the curve, which keys edit, too. number: of the point."""
-
-    def __init__(self) -> None:
-        self.number = 0
-
-    def draw(self, points: Nodes, spread: tuple[float, float]) -> Nodes:
-        """Which point, its value and opacity, and what adds or removes one; returns the edited points. spread: range of
-        the axis of values.
-        """
-        count, style = len(points), imgui.get_style()
-        self.number = min(self.number, count - 1)
-        name, gap = label_left("point"), style.item_inner_spacing.x
-        signs = 2 * (imgui.calc_text_size("+").x + 2 * style.frame_padding.x + gap)
-        wide = (imgui.get_content_region_avail().x - signs - 2 * gap) / 3
-        imgui.set_next_item_width(wide)
-        _, chosen = imgui.slider_int(name, self.number + 1, 1, count, f"%d of {count}")
-        self.number = min(max(chosen, 1), count) - 1
-        value, opacity = points[self.number]
-        imgui.same_line(0.0, gap)
-        imgui.set_next_item_width(wide)
-        moved, value = imgui.drag_float("##value", value, (spread[1] - spread[0]) / STEPS, format="%.5g")
-        imgui.set_item_tooltip("Value of this point: drag, or ctrl+click.")
-        imgui.same_line(0.0, gap)
-        imgui.set_next_item_width(wide)
-        raised, height = imgui.drag_float("##height", float(rise(opacity)), 1 / STEPS, 0.0, 1.0, f"{opacity:.3g}")
-        imgui.set_item_tooltip("Opacity of this point: drag.")
-        if moved or raised:
-            points = move_point(points, self.number, value, fall(height) if raised else opacity)
-        return self._count(points, gap)
-
-    def _count(self, points: Nodes, gap: float) -> Nodes:
-        """Buttons that add a point between this one and its neighbour, and remove it."""
-        here = self.number
-        imgui.same_line(0.0, gap)
-        imgui.begin_disabled(len(points) < 2)
-        if imgui.button("+"):
-            ends = points[here : here + 2] if here + 1 < len(points) else points[here - 1 :]
-            between = np.mean(ends, axis=0).tolist()
-            points, self.number = add_point(points, *between)
-        imgui.set_item_tooltip("One more point beside this one.")
-        imgui.same_line(0.0, gap)
-        points = remove_point(points, here) if imgui.button("-") else points
-        imgui.set_item_tooltip("Removes this point.")
-        imgui.end_disabled()
-        return points
-
-
 class Curve:
     """Draws the plot and holds its range of values and its histogram."""
 
@@ -303,7 +252,8 @@ class Curve:
         self.fits = True
         self.held: int | None = None
         self.strip = ColorStrip()
-        self.fields = PointFields()
+        # number of the point whose fields are shown
+        self.point = 0
         # left, top, width and height of the plot, screen units
         self.box = (0.0, 0.0, 1.0, 1.0)
 
@@ -332,7 +282,7 @@ class Curve:
             implot.end_plot()
         imgui.pop_item_flag()
         colored = self.strip.draw(transfer, self.range, (self.box[0], self.box[2]), STRIP * scale)
-        points = self.fields.draw(points, self.range)
+        points = self._fields(points)
         changed, self.logarithmic = imgui.checkbox("log counts", self.logarithmic)
         imgui.set_item_tooltip("Bars by the logarithm of how many voxels have a value, or by the number.")
         if changed:
@@ -389,7 +339,7 @@ class Curve:
             if moved and not ctrl:
                 points = move_point(points, number, x, fall(y))
         self.held = held
-        self.fields.number = self.fields.number if held is None else held
+        self.point = self.point if held is None else held
         hovered = implot.is_plot_hovered() or pointed is not None
         removes = imgui.is_mouse_clicked(imgui.MouseButton_.right) or (
             ctrl and imgui.is_mouse_clicked(imgui.MouseButton_.left)
@@ -403,6 +353,47 @@ class Curve:
             imgui.set_tooltip(f"{points[shown][0]:.5g}: {points[shown][1]:.4g}")
         elif hovered:
             imgui.set_tooltip(f"{at.x:.4g}: {fall(at.y):.3g}\n{HINT}")
+        return points
+
+    def _fields(self, points: Nodes) -> Nodes:
+        """Which point, its value and opacity, which keys edit, too, and what adds or removes one; returns the edited
+        points.
+        """
+        count, style = len(points), imgui.get_style()
+        self.point = min(self.point, count - 1)
+        name, gap = label_left("point"), style.item_inner_spacing.x
+        signs = 2 * (imgui.calc_text_size("+").x + 2 * style.frame_padding.x + gap)
+        wide = (imgui.get_content_region_avail().x - signs - 2 * gap) / 3
+        imgui.set_next_item_width(wide)
+        _, chosen = imgui.slider_int(name, self.point + 1, 1, count, f"%d of {count}")
+        self.point = min(max(chosen, 1), count) - 1
+        value, opacity = points[self.point]
+        imgui.same_line(0.0, gap)
+        imgui.set_next_item_width(wide)
+        moved, value = imgui.drag_float("##value", value, (self.range[1] - self.range[0]) / STEPS, format="%.5g")
+        imgui.set_item_tooltip("Value of this point: drag, or ctrl+click.")
+        imgui.same_line(0.0, gap)
+        imgui.set_next_item_width(wide)
+        raised, height = imgui.drag_float("##height", float(rise(opacity)), 1 / STEPS, 0.0, 1.0, f"{opacity:.3g}")
+        imgui.set_item_tooltip("Opacity of this point: drag.")
+        if moved or raised:
+            points = move_point(points, self.point, value, fall(height) if raised else opacity)
+        return self._number(points, gap)
+
+    def _number(self, points: Nodes, gap: float) -> Nodes:
+        """Buttons that add a point between this one and its neighbour, and remove it."""
+        here = self.point
+        imgui.same_line(0.0, gap)
+        imgui.begin_disabled(len(points) < 2)
+        if imgui.button("+"):
+            ends = points[here : here + 2] if here + 1 < len(points) else points[here - 1 :]
+            between = np.mean(ends, axis=0).tolist()
+            points, self.point = add_point(points, *between)
+        imgui.set_item_tooltip("One more point beside this one.")
+        imgui.same_line(0.0, gap)
+        points = remove_point(points, here) if imgui.button("-") else points
+        imgui.set_item_tooltip("Removes this point.")
+        imgui.end_disabled()
         return points
 
     def _whole(self) -> None:
@@ -473,9 +464,7 @@ def _draw_surface(transfer: Transfer, number: int, limits: tuple[float, float]) 
         value = float(f"{value:.6g}")
         surface = surface._replace(value=min(max([value, *before]), *behind, np.inf))
     surface = surface._replace(opacity=pick_opacity(surface.opacity, room))
-    shown = srgb_of_name(surface.color) if surface.color else None
-    linear = transfer.color(surface.value) if shown is None else linear_from_srgb(np.array(shown) / 255)
-    color = pick_color(tuple(map(float, linear)))
+    color = pick_color(surface.color or transfer.color(surface.value))
     surface = surface if color is None else surface._replace(color=color)
     imgui.same_line()
     return None if imgui.small_button("remove") else surface
@@ -654,7 +643,7 @@ class RegionEditor:
         imgui.align_text_to_frame_padding()
         imgui.text(plain(region.shape))
         if not region.is_image:
-            color = pick_color(tuple(linear_from_srgb(np.array(srgb_of_name(region.color)) / 255)))
+            color = pick_color(region.color)
             region = replace(region, color=color) if color and color != region.color else region
         opacity = pick_opacity(region.opacity, room)
         region = replace(region, opacity=opacity) if opacity != region.opacity else region

@@ -1,4 +1,4 @@
-"""`Viewer`: the window, which holds the document and the state. Other modules compute the next values."""
+"""`Viewer`: the window, which holds document and state and performs effects. Other modules compute the next values."""
 
 from __future__ import annotations
 
@@ -14,11 +14,15 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.animation.animation import MOVIES
+from splatgl.data.image import Image
 from splatgl.errors import USER_ERRORS, error_text, missing_extra
+from splatgl.fileio import budget
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Marks, Screen
 from splatgl.gl.target import Interrupted
 from splatgl.scene.meshes import is_mesh
+from splatgl.viewer import commands
 from splatgl.viewer.adaptive_quality import (
     LADDER,
     REST,
@@ -30,18 +34,41 @@ from splatgl.viewer.adaptive_quality import (
     Wanted,
     return_large_blocks,
 )
-from splatgl.viewer.commands import COMMANDS, Command, Effect, Open, OpenOption, ask_for_files, ask_to_leave, tell_error
+from splatgl.viewer.commands import (
+    COMMANDS,
+    Command,
+    Copy,
+    CopyText,
+    Effect,
+    Leave,
+    Open,
+    OpenOption,
+    Question,
+    Request,
+    ask_for_files,
+    ask_to_leave,
+    tell_error,
+)
 from splatgl.viewer.document import Document
-from splatgl.viewer.effects import COUNT, EXTRACTING, OPENING, PICTURE, Performer
-from splatgl.viewer.files import Arrangement, Recent
+from splatgl.viewer.files import ADD, OPEN, SAVE, Arrangement, Dialogs, Recent
 from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.hud import Overlays, progress_text
 from splatgl.viewer.input import InputHandler
-from splatgl.viewer.jobs import Extractor, Jobs
-from splatgl.viewer.loading import Files
+from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
+from splatgl.viewer.loading import Files, Left, Loaded, Opened
 from splatgl.viewer.movie_track import stop_preview
-from splatgl.viewer.recorder import Recorder
+from splatgl.viewer.recorder import Recorder, movie_command, movie_scene
 from splatgl.viewer.reference_view import Reference
+from splatgl.viewer.saving import (
+    compose_screenshot,
+    copy_text,
+    free_path,
+    is_scene_name,
+    save_as,
+    save_picture,
+    save_scene,
+    try_save,
+)
 from splatgl.viewer.slice_views import SliceTool, column_width
 from splatgl.viewer.state import THEMES, History, State, changed_fields, played, stated_transfers
 from splatgl.viewer.trackball import MouseEvent, Pointer, View, docked_width, is_roomy, up_direction
@@ -50,6 +77,12 @@ from splatgl.viewer.window import Window
 # screen units of the first window
 SIZE = (1024, 768)
 OTHER = "the picture before"
+# topics of messages, which are cleared once the topic is over
+OPENING, READING, EXTRACTING, PICTURE, COUNT = "opening", "reading", "extracting", "picture", "count"
+TOPICS = {Kind.OPEN: OPENING, Kind.EXTRACT: EXTRACTING}
+UNSAVED = "edits are not saved: shift+s saves the scene; quit again to leave without"
+CHANGED = "the scene file has changed: ctrl+z brings the edits back"
+RECORDING = "a movie is recorded; quit again to cancel it"
 LEAVING = "edits are not saved: shift+s saves the scene; open it again to leave without"
 # purpose of the extra library, for the message where it is missing
 PANEL = "the panel with the opacity curve, colours, settings, cuts and files"
@@ -126,7 +159,12 @@ class Viewer:
             self.screen.close()
             raise
         self.history = History(self.state)
-        self.performer, self.recent = Performer(self), Recent.of(os.environ)
+        self.recent, self.dialogs = Recent.of(os.environ), Dialogs()
+        # what was shown before the document was opened, and after it was left by undo
+        self.before: Left | None = None
+        self.after: Left | None = None
+        # whether the next request to quit is obeyed although edits are lost
+        self.warned = False
         # the view that was fitted to the document
         self.home = self.state.pose
         # transfer functions as opened: a file that changes keeps edited ones
@@ -260,8 +298,7 @@ class Viewer:
         if self.panel is None or self.document.is_loading or is_scene:
             self.open(paths, self.document.is_loading)
         elif paths:
-            self.panel.panel.questions.ask(ask_for_files(paths))
-            self.refresh()
+            self.ask(ask_for_files(paths))
 
     def open(self, paths: Sequence[str], are_alone: bool = True) -> None:
         """Opens the files, and asks first if edits would be lost; the current document stays until they are loaded.
@@ -277,11 +314,7 @@ class Viewer:
         is_edited = not self.document.is_loading and self.history.has_unsaved_edits(self.state)
         if not is_edited or self.state.message == LEAVING:
             return False
-        if self.panel is None:
-            self.say(LEAVING)
-        else:
-            self.panel.panel.questions.ask(ask_to_leave(opens))
-            self.refresh()
+        self.ask(ask_to_leave(opens), LEAVING)
         return True
 
     def raw(self, kind: str, *values: Any) -> bool:
@@ -300,12 +333,12 @@ class Viewer:
         self.last_error = (topic, message) if topic else self.last_error
         self.refresh()
 
-    def tell_error(self, message: str, topic: str = "") -> None:
-        """Shows an error in a box until it is closed; without the panel, as a message."""
+    def ask(self, question: Question, message: str = "", topic: str = "") -> None:
+        """Asks in a box, which stays until it is answered; without the panel, shows a message instead."""
         if self.panel is None:
             self.say(message, topic)
         else:
-            self.panel.panel.questions.ask(tell_error(message))
+            self.panel.panel.questions.ask(question)
             self.refresh()
 
     def clear_message(self, topic: str) -> None:
@@ -324,11 +357,11 @@ class Viewer:
         self.refresh()
 
     def open_panel(self) -> None:
-        """Creates the panel, or sets a message on how to install its library."""
+        """Creates the panel unless it is there, or sets a message on how to install its library."""
         if not find_spec("imgui_bundle"):
             message = str(missing_extra(PANEL, "imgui-bundle", "gui"))
             self.state = replace(self.state, panel=False, message=message)
-        else:
+        elif self.panel is None:
             from splatgl.viewer.imgui_backend import Gui
 
             self.panel = Gui(self.window, self.options.commands, self.options.panel)
@@ -502,11 +535,11 @@ class Viewer:
         self.window.wait(self._patience() if wait is None else wait)
         begun = time.perf_counter()
         self.window.fill(self.state.fullscreen)
-        self.performer.collect()
+        self.collect()
         self._advance()
         # saved pictures have the size of the window, and frames that of what was opened and toggled
         self._fill()
-        self.performer.perform()
+        self.perform()
         if self.closed or min(self.window.size) < 1:
             return
         self._fill()
@@ -527,7 +560,7 @@ class Viewer:
         self.closed = True
         if not self.window.errors.message:
             self.remember()
-        self.performer.dialogs.close()
+        self.dialogs.close()
         self.recorder.cancel()
         self.reference.forget()
         self.extractor.wanted = None
@@ -586,3 +619,317 @@ class Viewer:
         """Fits the picture into the window."""
         if self.state.pose.camera.size != self.size:
             self.resize(self.window.size)
+
+    # --- effects ----------------------------------------------------------------------------------------------------
+
+    def perform(self) -> None:
+        """Performs the effects of commands, and opens or saves what was chosen in a dialog."""
+        effects, self.effects = self.effects, []
+        for effect in effects:
+            self.perform_one(effect)
+        chosen = self.dialogs.take(self.panel and self.panel.panel.browser)
+        if chosen and self.dialogs.kind != SAVE:
+            self.perform_one(Open(tuple(chosen), adds=self.dialogs.kind == ADD))
+        elif chosen and Path(chosen[0]).suffix.lower() in MOVIES:
+            self._record(Path(chosen[0]))
+        elif chosen:
+            path = Path(chosen[0])
+            save = partial(save_as, target=path, add=self._composed, times=self.files.times)
+            self._save(path.name, save, is_scene_name(path))
+        if self.files.times and not self.dirty:
+            self.files.show_time(self.state.time)
+        if self.window.closing and Request.QUIT not in effects:
+            self._quit()
+        if self.state.message not in (UNSAVED, RECORDING):
+            self.warned = False
+
+    def perform_one(self, effect: Effect) -> None:
+        """Performs one effect of a command."""
+        folder = self.options.folder
+        match effect:
+            case Request.UNDO | Request.REDO:
+                self._step(effect is Request.UNDO)
+            case Request.CANCEL:
+                self._cancel()
+            case Request.SAVE_PICTURE:
+                self._save("picture", partial(save_picture, folder=folder, add=self._composed), False)
+            case Request.SAVE_SCENE:
+                self._save("scene", partial(save_scene, folder=folder), True)
+            case Request.SAVE_AS:
+                self._open_dialog(SAVE, folder, free_path(folder, "scene", ".toml").name)
+            case Copy():
+                self.window.copy(copy_text(effect, self.state, self.document))
+                self.say(f"{effect.value} copied: it draws this picture")
+            case CopyText(text):
+                self.window.copy(text)
+            case Open(()):
+                source = Path(self.document.scene.volume)
+                folder = source.parent if source.exists() else Path()
+                self._open_dialog(ADD if effect.adds else OPEN, folder, "")
+            case Open(paths, adds=False):
+                self.open(paths)
+            case Open(paths):
+                # scissors that were drawn meanwhile cut them, too
+                self.files.add(paths, replace(self.document.scene, scissors=self.state.styles[0].scissors))
+            case OpenOption():
+                if not self.asks_to_leave(effect):
+                    self._replace(effect)
+            case Leave(opens, saves):
+                if saves:
+                    self.perform_one(Request.SAVE_SCENE)
+                if not (saves and self.history.has_unsaved_edits(self.state)):
+                    self._replace(opens)
+            case Request.RECORD:
+                self._record(free_path(folder, "movie", self.state.movie.form))
+            case Request.RECORD_AS:
+                form = self.state.movie.form or MOVIES[0]
+                self._open_dialog(SAVE, folder, free_path(folder, "movie", form).name)
+            case Request.CANCEL_RECORDING:
+                self.say("nothing is recorded" if not self.recorder.cancel() else "the recording is cancelled")
+            case Request.COPY_MOVIE:
+                self._record(None)
+            case Request.FORGET_RECENT:
+                self.recent = self.recent.forgotten()
+            case Request.PALETTE | Request.FOCUS:
+                self._reach_panel(effect)
+            case Request.QUIT:
+                self._quit()
+
+    def _replace(self, opens: Open | OpenOption | None) -> None:
+        """Opens other files, or another part of the file, or closes the window, whatever is not saved."""
+        state = self.state
+        if opens is None:
+            self.closed = True
+        elif isinstance(opens, Open):
+            self.files.open(opens.paths, state.settings, True)
+        else:
+            edits: dict[str, Any] = {"settings": state.settings, "annotate": state.annotate}
+            scene = replace(self.document.scene, **edits, meshes=state.mesh_files)
+            self.files.open_option(scene, opens.option, opens.value)
+
+    def _step(self, is_undo: bool) -> None:
+        """Undoes or redoes a step; of the first, or last, of a document, shows the document before, or after, it."""
+        history = self.history
+        history.note(self.state)
+        left = self.before if is_undo else self.after
+        if left is None or (history.past if is_undo else history.future):
+            self.state = (history.undo if is_undo else history.redo)(self.state)
+        else:
+            here = self._leave()
+            self.before, self.after = (None, here) if is_undo else (here, None)
+            self.files.show_again(left.files)
+            self.history, self.home, self.bases = left.history, left.home, left.bases
+            message = f"{left.document.volume.name or left.document.scene.volume} is shown again"
+            self.state = replace(self.state.kept_in(left.state), message=message)
+            self.history.resume(self.state)
+            self.take(left.document)
+            self.renderer.free()
+            self.files.refine(left.document)
+        self.touch()
+
+    def _leave(self) -> Left:
+        """The document and its edits, for undo after another file was opened."""
+        self.history.note(self.state)
+        state = replace(self.state, pinned=None, preview=None)
+        return Left(self.document.coarse(), state, self.history, self.home, self.bases, self.files.shown)
+
+    def _reach_panel(self, effect: Request) -> None:
+        """Opens the list of commands, or gives the keys to the panel, or back to the picture."""
+        self.state = replace(self.state, panel=self.state.panel or effect is Request.FOCUS)
+        self.open_panel()
+        if self.panel is not None:
+            (self.panel.focus if effect is Request.FOCUS else self.panel.panel.palette.open)()
+            self.refresh()
+
+    def _record(self, target: Path | None) -> None:
+        """Begins a movie of the state, or copies its command (None); says why it cannot be drawn."""
+        shown = stop_preview(self.state), self.document, self.files.times
+        try:
+            if target is not None:
+                self.recorder.start(*movie_scene(*shown), target)
+            else:
+                self.window.copy(movie_command(*shown))
+                self.say("command copied: it draws this movie")
+        except USER_ERRORS as error:
+            self.say(error_text(error))
+
+    def _save(self, name: str, save: Any, is_scene: bool) -> None:
+        """Saves, and shows the message. name: of what is saved; is_scene: whether edits are saved by it."""
+        self.say(f"saving {name}")
+        self.show()
+        message, done = try_save(lambda: save(self.state, self.document, self.renderer.render))
+        self.say(message if done else "")
+        if not done:
+            self.ask(tell_error(message), message)
+        elif is_scene:
+            self.history.mark_saved(self.state)
+
+    def _composed(self, image: Image) -> Image:
+        """The picture with the slices of the window and the one beside it. Raises InputError for unreadable slices."""
+        slices = None
+        if self.slices.panes(self.state, self.document, self.view):
+            marks = self.slices.complete_marks(self.state, self.document, self.view)
+            self.screen.draw(self.drawn_size, self.painter.look(self.state, self.reference))
+            self.screen.mark(self.window.size, marks)
+            slices = np.asarray(self.screen.read(self.window.size)[:, self.shown_size[0] : self.view.size[0]])
+            # the next frame has the panel again
+            self.refresh()
+        draw, scale = self.renderer.render, self.window.scale
+        return compose_screenshot(image, self.state, self.document, draw, scale, slices)
+
+    def _open_dialog(self, kind: str, folder: Path, name: str) -> None:
+        if find_spec("imgui_bundle"):
+            self.dialogs.open(kind, folder.resolve(), name, self._browser)
+        else:
+            self.say(str(missing_extra("the file dialog", "imgui-bundle", "gui")))
+
+    def _browser(self) -> Any:
+        """Opens the panel, which draws the file dialog."""
+        self.state = replace(self.state, panel=True)
+        self.open_panel()
+        return self.panel.panel.browser
+
+    def _cancel(self) -> None:
+        """Abandons what is being read; closes a window that has nothing to show."""
+        opening = self.files.opening
+        if self.files.cancel():
+            self.closed |= self.document.is_loading
+            self.state = replace(self.state, time=self.files.time)
+            if opening:
+                # finer voxels waited for it
+                self.files.refine(self.document)
+
+    def _quit(self) -> None:
+        """Closes the window; asks first, or waits for a second request, if edits would be lost."""
+        is_edited, is_recording = self.history.has_unsaved_edits(self.state), self.recorder.running is not None
+        if not (is_edited or is_recording) or self.warned:
+            self.closed = True
+            return
+        self.warned = True
+        self.window.stay()
+        if is_edited:
+            self.ask(commands.UNSAVED, UNSAVED)
+        else:
+            self.say(RECORDING)
+
+    # --- results of worker threads ----------------------------------------------------------------------------------
+
+    def collect(self) -> None:
+        """Takes the results of the worker threads."""
+        for done in (*self.files.jobs.collect(), *self.extractor.collect()):
+            self.apply(done)
+        notes = self.slices.collect()
+        for note in notes or ():
+            self.say(note)
+        if self.reference.collect() or notes is not None:
+            self.refresh()
+
+    def apply(self, done: Done) -> None:
+        """Applies a finished job. Bad input only sets the message, or closes a window that has nothing to show."""
+        self.refresh()
+        self.files.finish(done.kind)
+        if done.error is not None:
+            self._apply_error(done.kind, done.error)
+            return
+        match done.kind:
+            case Kind.ADD:
+                self.history.note(self.state)
+                self.state, document = done.value.added_to(self.state, self.document)
+                state = self.state
+                self.take(document)
+                self.files.refine(document.with_styles(state.styles, state.mesh_files, state.settings))
+                self.touch()
+            case Kind.EXTRACT:
+                self.clear_message(EXTRACTING)
+                self.refiner.renew(self.document.counts, prod(self.size))
+                # all time points have the view of the first
+                if self.state.pose is self.home and 1 in self.document.extracted and self.files.time == 0:
+                    self._fit_home()
+            case Kind.REFINE if done.value.scene is not self.document.scene:
+                # of a document that is no longer shown
+                pass
+            case _:
+                self._apply_loaded(done.kind, done.value)
+
+    def _apply_error(self, kind: Kind, error: BaseException) -> None:
+        if not isinstance(error, USER_ERRORS):
+            raise error
+        message, topic = error_text(error), TOPICS.get(kind, READING)
+        if kind in (Kind.EXTRACT, Kind.RELOAD):
+            self.say(message, topic)
+        else:
+            self.ask(tell_error(message), message, topic)
+        if self.document.is_loading:
+            self.failed, self.closed = error, True
+        elif kind is Kind.TIME_POINT:
+            # the slider goes back to the visible time point
+            self.state = replace(self.state, time=self.files.time, playing=False)
+        elif kind is Kind.OPEN:
+            # finer voxels waited for the file
+            self.files.refine(self.document)
+
+    def _apply_loaded(self, kind: Kind, loaded: Loaded) -> None:
+        """Shows a loaded file. A reloaded one keeps its view unless its scene file changed; a time point keeps all."""
+        shown = self.document
+        if kind is not Kind.REFINE:
+            self.clear_message(OPENING)
+            self.clear_message(READING)
+        if isinstance(loaded, Opened):
+            document = loaded.document
+            self.recent = self.recent.opened(loaded.path or self.options.source)
+            self._begin(loaded)
+            if loaded.reopen is not None:
+                self.files.follow(loaded)
+        else:
+            document, number = loaded if isinstance(loaded, tuple) else (loaded, 0)
+            document, is_reloaded = document.with_additions(shown), kind is not Kind.TIME_POINT
+            if kind is not Kind.REFINE:
+                self.files.time = number
+            if is_reloaded and not document.is_described_as(shown):
+                is_edited = self.history.has_unsaved_edits(self.state)
+                self._begin(Opened(document))
+                is_kept = is_edited and self.before is not None
+                self.state = replace(self.state, message=CHANGED if is_kept else "")
+            elif (is_reloaded or document.scene.look) and self.bases == stated_transfers(self.state.styles):
+                # the segments of time points are their own
+                self._rebase(document)
+                self.state = replace(self.state, message="" if is_reloaded else self.state.message)
+            elif document.file_numbers != shown.file_numbers:
+                self._rebase(document)
+        self.take(document)
+        self.files.refine(document)
+        self.touch()
+
+    def _begin(self, opened: Opened) -> None:
+        """Starts with the state of another document; undo shows the one before, unless it takes too much memory."""
+        document, before = opened.document, self.state.pose
+        is_kept = not self.document.is_loading and self.document.bytes <= budget()
+        self.before, self.after = self._leave() if is_kept else None, None
+        self.files.times, self.files.time = opened.times, 0
+        changes: dict[str, Any] = {"times": len(opened.times), "file_options": opened.options, "message": opened.note}
+        self.state = replace(self.state.opened(document), **changes)
+        self.home, self.bases = self.state.pose, stated_transfers(document.styles)
+        if opened.is_option and np.array_equal(document.volume.corners, self.document.volume.corners):
+            self.state = replace(self.state, pose=before)
+        self.history = History(self.state)
+        # buffers for the file before would stay as long as the window
+        self.renderer.free()
+
+    def _rebase(self, document: Document) -> None:
+        """Takes the transfer functions of a document; drops the history if it has other layers."""
+        edited = self.history.has_unsaved_edits(self.state)
+        is_same = document.file_numbers == self.document.file_numbers
+        self.state, self.bases = self.state.with_bases(document, is_same), stated_transfers(document.styles)
+        if not is_same:
+            self.history.forget(self.state)
+        if not edited:
+            self.history.mark_saved(self.state)
+
+    def _fit_home(self) -> None:
+        """Fits a view that nobody has changed to the finest splats, as `splatgl render` does."""
+        home = self.document.home(self.size)
+        if home.view() != self.home.view():
+            self.home = home
+            self.state = replace(self.state, pose=home)
+            if not self.history.past and not self.history.has_unsaved_edits(self.state):
+                self.history = History(self.state)

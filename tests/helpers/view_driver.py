@@ -29,13 +29,13 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.transfer.transfer_nodes import color_points
 from splatgl.viewer import adaptive_quality, hud, trackball
 from splatgl.viewer.adaptive_quality import REST
-from splatgl.viewer.commands import Request
+from splatgl.viewer.commands import Leave, Request
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.loading import Files
 from splatgl.viewer.show import start_reading
-from splatgl.viewer.state import LayerStyle
+from splatgl.viewer.state import History, LayerStyle
 from splatgl.viewer.trackball import Pointer
 from splatgl.viewer.viewer import Options, Viewer
 
@@ -119,7 +119,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "scale": viewer.window.scale,
         "place": viewer.panel and viewer.panel.panel.place,
         "marks": [sprite.place for sprite in viewer._marks().sprites],
-        "dialog": viewer.performer.dialogs.process is not None or bool(viewer.panel and viewer.panel.panel.popup),
+        "dialog": viewer.dialogs.process is not None or bool(viewer.panel and viewer.panel.panel.popup),
         "pictures": len(viewer.panel.panel.gallery.textures) if viewer.panel else 0,
         "plot": viewer.panel and (viewer.panel.panel.curve.box, viewer.panel.panel.curve.range),
     }
@@ -246,7 +246,8 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         slices = replace(viewer.state.slices, place=tuple(ask.get("place", viewer.state.slices.place)))
         changes = {"settings": settings, "slices": slices, **ask.get("state", {})}
         viewer.state = replace(viewer.state, **changes).edit(**ask.get("style", {}))
-        viewer.effects += [Request[name] for name in ask.get("effects", ())]
+        answers = {"SAVE_AND_LEAVE": Leave(saves=True), "LEAVE": Leave()}
+        viewer.effects += [answers.get(name) or Request[name] for name in ask.get("effects", ())]
         viewer.touch()
         viewer.step(0.0)
         until(viewer, lambda: not viewer.extractor.jobs.busy)
@@ -270,12 +271,12 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         document = document.with_styles(styles, document.mesh_files, scene.settings)
         viewer.state = viewer.state.opened(document)
         viewer.state = type(viewer.state).of(document, viewer.view.size)
-        viewer.history.begin(viewer.state)
+        viewer.history = History(viewer.state)
         viewer.closed = False
         if viewer.panel is not None:
             # whether a list is open or not, which Escape cannot know: a click may close it in the same moment
             viewer.panel.panel.closes = True
-        viewer.performer.dialogs.close()
+        viewer.dialogs.close()
         # the press before is not the first of a double click
         viewer.input.camera.mouse = trackball.Mouse()
         trackball.DOUBLE = DOUBLE

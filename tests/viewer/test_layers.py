@@ -13,7 +13,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.scene.meshes import MeshFile, source_key
 from splatgl.scene.scene_file import SceneFile
-from splatgl.viewer.commands import Add, Copy, Open, ask_for_files, with_settings
+from splatgl.viewer.commands import Copy, Open, ask_for_files, with_settings
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.loading import Added, Files
@@ -166,7 +166,7 @@ def test_dropped_files_are_asked_for() -> None:
     ):
         question = ask_for_files(paths)
         (text, opens), (_, adds), (_, nothing) = question.answers
-        assert (text, opens, adds, nothing) == (first, Open(paths), Add(paths), None)
+        assert (text, opens, adds, nothing) == (first, Open(paths), Open(paths, adds=True), None)
     assert ask_for_files(list("abcde")).text == "a, b, c and 2 more"
 
 

@@ -85,7 +85,8 @@ def test_a_copy_draws_the_same_picture(
     state = replace(
         state, pose=state.pose.spun(20.0, np.array([0.0, 0.0, 1.0])), annotate=("axes", 'title=a\'"""\\n b')
     ).edit(extinction=0.37, base=with_color_points(state.style.base, ((0.1, "#ff0000"), (0.5, "#ffe0a0"))))
-    wanted = render_scene(scene_of(state, document), document, renderer.render).pixels
+    shown = document.with_styles(state.styles, (), state.settings)
+    wanted = render_scene(scene_of(state, document), shown, renderer.render).pixels
     space: dict[str, Any] = {}
     exec(copy_text(Copy.PYTHON, state, document), space)
     assert np.array_equal(space["image"].pixels, wanted)

@@ -19,12 +19,11 @@ from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES, Refiner
 from splatgl.viewer.commands import Leave, Open, OpenOption, Request, ask_to_leave
 from splatgl.viewer.document import Document
-from splatgl.viewer.effects import CHANGED, Performer
 from splatgl.viewer.files import Recent, Watch
 from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
 from splatgl.viewer.loading import Added, Files, Loaded, Opened, open_document
 from splatgl.viewer.state import History, State, stated_transfers
-from splatgl.viewer.viewer import LEAVING, Options, Viewer
+from splatgl.viewer.viewer import CHANGED, LEAVING, Options, Viewer
 from tests.helpers.blobs import LONGEST, SIZE, blob
 
 
@@ -60,8 +59,9 @@ class WithoutWindow(Viewer):
         self.extractor, self.refiner = Extractor(lambda: None), Refiner(document.counts, 100, 0.033)
         self.window: Any = SimpleNamespace(size=SIZE, scale=1.0, closing=False)
         self.renderer: Any = SimpleNamespace(free=lambda: self.freed.append(self.state), render=None)
-        self.performer = Performer(self)
-        self.performer.dialogs = cast(Any, SimpleNamespace(take=lambda browser: (), kind=""))
+        self.before = self.after = None
+        self.warned = False
+        self.dialogs = cast(Any, SimpleNamespace(take=lambda browser: (), kind=""))
         self.inputs, self.dirty, self.touched, self.last_error = 0, 1, 0.0, ("", "")
         self.closed = False
 
@@ -106,9 +106,9 @@ def test_meshes_stay_with_what_is_read_meanwhile(folder: Path) -> None:
         (Kind.RELOAD, Document.open(SceneFile(str(folder / "a.npy")))),
     ):
         viewer = WithoutWindow(document, files())
-        viewer.performer.apply(Done(Kind.ADD, Added((), (mesh,), read_meshes([mesh]))))
+        viewer.apply(Done(Kind.ADD, Added((), (mesh,), read_meshes([mesh]))))
         assert not document.meshes
-        viewer.performer.apply(Done(kind, (news, 1) if kind is Kind.TIME_POINT else news))
+        viewer.apply(Done(kind, (news, 1) if kind is Kind.TIME_POINT else news))
         assert viewer.document is not document and viewer.state.mesh_files == (mesh,)
         shown = viewer.document.with_styles(viewer.state.styles, viewer.state.mesh_files, viewer.state.settings)
         assert len(shown.meshes) == 1 and shown.volume is news.volume
@@ -118,13 +118,13 @@ def test_finer_voxels_of_what_is_no_longer_shown_are_not_taken(folder: Path) -> 
     """Of another document; another file is taken whatever is shown, and an edited document stays the same."""
     shown, other = (Document.open(SceneFile(str(folder / f"{name}.npy"))) for name in "ab")
     viewer = WithoutWindow(shown, files())
-    viewer.performer.apply(Done(Kind.REFINE, other))
+    viewer.apply(Done(Kind.REFINE, other))
     assert viewer.document is shown
     finer = replace(shown)
     viewer.document = shown.with_styles((replace(shown.styles[0], extinction=2.0),), (), shown.scene.settings)
-    viewer.performer.apply(Done(Kind.REFINE, finer))
+    viewer.apply(Done(Kind.REFINE, finer))
     assert viewer.document.layers == finer.layers
-    viewer.performer.apply(Done(Kind.RELOAD, other))
+    viewer.apply(Done(Kind.RELOAD, other))
     assert viewer.document.scene is other.scene
 
 
@@ -145,7 +145,7 @@ def test_time_points_have_the_look_of_their_series(kind: str, folder: Path) -> N
             viewer.state = replace(viewer.state, time=number)
             found.show_time(number)
         (done,) = all_done(found)
-        viewer.performer.apply(done)
+        viewer.apply(done)
         drawn.append(viewer.state.styles[0].stated)
         assert viewer.state.times == 3 and not viewer.history.has_unsaved_edits(viewer.state)
     # opacities refer to the length in the first
@@ -170,13 +170,13 @@ def test_a_time_point_that_is_not_there_leaves_the_one_that_is_shown(folder: Pat
     viewer.state = replace(viewer.state, times=3, time=2, playing=True)
     found.show_time(2)
     (done,) = all_done(found)
-    viewer.performer.apply(done)
+    viewer.apply(done)
     assert (viewer.state.time, viewer.state.playing, found.time) == (0, False, 0) and "c.npy" in viewer.said[0]
     # one that is there
     viewer.state = replace(viewer.state, time=1)
     found.show_time(1)
     (done,) = all_done(found)
-    viewer.performer.apply(done)
+    viewer.apply(done)
     assert (viewer.state.time, found.time, done.kind) == (1, 1, Kind.TIME_POINT) and viewer.document.volume.shape[
         0
     ] == 20
@@ -184,7 +184,7 @@ def test_a_time_point_that_is_not_there_leaves_the_one_that_is_shown(folder: Pat
     viewer.state, viewer.effects, viewer.dirty = replace(viewer.state, time=0), [Request.CANCEL], 1
     gate = threading.Event()
     found._read(Kind.TIME_POINT, "reading time 0", lambda: cast(Loaded, gate.wait(LONGEST)))
-    viewer.performer.perform()
+    viewer.perform()
     gate.set()
     assert (viewer.state.time, found.jobs.busy, viewer.closed) == (1, None, False)
     # what waited for a file that is given up goes on
@@ -192,7 +192,7 @@ def test_a_time_point_that_is_not_there_leaves_the_one_that_is_shown(folder: Pat
     viewer.document, viewer.effects = replace(viewer.document, pool={0: layer}), [Request.CANCEL]
     gate = threading.Event()
     found._open("b.npy", lambda: cast(Opened, gate.wait(LONGEST)))
-    viewer.performer.perform()
+    viewer.perform()
     assert [kind for kind, _ in found.jobs.all] == [Kind.REFINE] or found.jobs.wait(LONGEST)
     gate.set()
     assert all_done(found)[0].kind is Kind.REFINE
@@ -200,7 +200,7 @@ def test_a_time_point_that_is_not_there_leaves_the_one_that_is_shown(folder: Pat
     assert not viewer.freed
     found.open([str(folder / "b.npy")], Settings())
     (done,) = all_done(found)
-    viewer.performer.apply(done)
+    viewer.apply(done)
     assert len(viewer.freed) == 1
 
 
@@ -247,7 +247,7 @@ def test_other_channels_have_their_own_looks(folder: Path) -> None:
     viewer = WithoutWindow(documents[0], files())
     viewer.history.note(replace(viewer.state, selected=2))
     viewer.state = replace(viewer.state, selected=2)
-    viewer.performer.apply(Done(Kind.TIME_POINT, (documents[1], 1)))
+    viewer.apply(Done(Kind.TIME_POINT, (documents[1], 1)))
     assert len(viewer.state.styles) == 2 and viewer.state.selected == 0
     # steps of the others cannot be taken back, and nothing is lost that was edited
     assert viewer.history.undo(viewer.state).message == "nothing to undo"
@@ -303,7 +303,7 @@ def test_samples_that_are_missing_are_said(folder: Path, missing: int, note: str
     viewer = WithoutWindow(Document.open(SceneFile(str(folder / "a.npy"))), files())
     viewer.files.open([str(folder / "gaps.npy")], Settings())
     for done in all_done(viewer.files):
-        viewer.performer.apply(done)
+        viewer.apply(done)
     assert viewer.state.message == note
 
 
@@ -321,7 +321,7 @@ def edited(folder: Path) -> WithoutWindow:
 def applied(viewer: WithoutWindow) -> None:
     """Shows what was being read."""
     for done in all_done(viewer.files):
-        viewer.performer.apply(done)
+        viewer.apply(done)
 
 
 def with_questions(viewer: WithoutWindow) -> list[Any]:
@@ -336,7 +336,7 @@ def test_edits_are_asked_for_before_another_file_is_opened(edited: WithoutWindow
     asked, path = with_questions(edited), str(folder / "b.npy")
     (folder / "s.toml").write_text('volume = "b.npy"')
     for opens in (Open((path,)), OpenOption("channel", "1")):
-        edited.performer.perform_one(opens)
+        edited.perform_one(opens)
         assert asked.pop() == ask_to_leave(opens) and not edited.files.jobs.busy and not asked
     edited.drop([str(folder / "s.toml")])
     assert asked.pop() == ask_to_leave(Open((str(folder / "s.toml"),)))
@@ -345,7 +345,7 @@ def test_edits_are_asked_for_before_another_file_is_opened(edited: WithoutWindow
     all_done(edited.files)
     # saved ones are not lost
     edited.history.mark_saved(edited.state)
-    edited.performer.perform_one(Open((path,)))
+    edited.perform_one(Open((path,)))
     assert not asked and edited.files.opening == "b.npy"
 
 
@@ -363,20 +363,20 @@ def test_without_the_panel_a_second_drop_leaves_edits(edited: WithoutWindow, fol
 def test_undo_shows_the_document_before_with_its_edits(edited: WithoutWindow, folder: Path) -> None:
     """And redo the next one, with what was done to it; a file opened instead ends that."""
     edited.history.note(edited.state)
-    edited.performer.perform_one(Leave(Open((str(folder / "b.npy"),))))
+    edited.perform_one(Leave(Open((str(folder / "b.npy"),))))
     applied(edited)
     assert edited.document.volume.name == "b" and edited.state.style.extinction == 1.0
     edited.state = edited.state.edit(extinction=3.0)
     for _ in range(2):
-        edited.performer.perform_one(Request.UNDO)
+        edited.perform_one(Request.UNDO)
     assert edited.document.volume.name == "a" and edited.state.style.extinction == 2.0
     assert edited.history.has_unsaved_edits(edited.state) and edited.state.message == "a is shown again"
-    edited.performer.perform_one(Request.UNDO)
+    edited.perform_one(Request.UNDO)
     assert edited.state.style.extinction == 1.0
-    edited.performer.perform_one(Request.UNDO)
+    edited.perform_one(Request.UNDO)
     assert edited.state.message == "nothing to undo"
     for factor, name in ((2.0, "a"), (1.0, "b"), (3.0, "b")):
-        edited.performer.perform_one(Request.REDO)
+        edited.perform_one(Request.REDO)
         assert (edited.state.style.extinction, edited.document.volume.name) == (factor, name)
     assert edited.document.extracted
 
@@ -384,10 +384,10 @@ def test_undo_shows_the_document_before_with_its_edits(edited: WithoutWindow, fo
 def test_a_document_that_takes_too_much_memory_is_not_kept(
     edited: WithoutWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("splatgl.viewer.effects.budget", lambda: edited.document.bytes - 1)
-    edited.performer.perform_one(Leave(Open((str(folder / "b.npy"),))))
+    monkeypatch.setattr("splatgl.viewer.viewer.budget", lambda: edited.document.bytes - 1)
+    edited.perform_one(Leave(Open((str(folder / "b.npy"),))))
     applied(edited)
-    edited.performer.perform_one(Request.UNDO)
+    edited.perform_one(Request.UNDO)
     assert edited.document.volume.name == "b" and edited.state.message == "nothing to undo"
 
 
@@ -401,8 +401,8 @@ def test_a_scene_is_saved_before_another_file_is_opened(
         if is_written:
             edited.history.mark_saved(edited.state)
 
-    monkeypatch.setattr(edited.performer, "_save", save)
-    edited.performer.perform_one(Leave(Open((str(folder / "b.npy"),)), saves=True))
+    monkeypatch.setattr(edited, "_save", save)
+    edited.perform_one(Leave(Open((str(folder / "b.npy"),)), saves=True))
     assert edited.files.opening == "b.npy" * is_written
     all_done(edited.files)
 
@@ -413,9 +413,9 @@ def test_a_scene_that_changes_on_disk_loses_no_edits(edited: WithoutWindow, fold
     first, same = (SceneFile(str(folder / "a.npy"), annotate=("box",), scissors=(scissors,)) for _ in range(2))
     viewer = WithoutWindow(Document.open(first), files())
     viewer.state = viewer.state.edit(extinction=2.0)
-    viewer.performer.apply(Done(Kind.RELOAD, Document.open(same, quiet=True)))
+    viewer.apply(Done(Kind.RELOAD, Document.open(same, quiet=True)))
     assert viewer.state.style.extinction == 2.0
-    viewer.performer.apply(Done(Kind.RELOAD, Document.open(replace(same, threshold=0.1))))
+    viewer.apply(Done(Kind.RELOAD, Document.open(replace(same, threshold=0.1))))
     assert viewer.state.style.extinction == 1.0 and viewer.state.message == CHANGED
-    viewer.performer.perform_one(Request.UNDO)
+    viewer.perform_one(Request.UNDO)
     assert viewer.state.style.extinction == 2.0

@@ -121,11 +121,11 @@ def test_edits_are_asked_for_before_the_window_closes(panel: Window) -> None:
     panel.hands("key", "q")
     assert panel.until(lambda told: told["dialog"])["closed"] is False
     assert not panel.key("escape")["dialog"]
-    told = panel.ask("set", effects=["SAVE_AND_QUIT"])
+    told = panel.ask("set", effects=["SAVE_AND_LEAVE"])
     assert told["closed"] and (panel.folder / "scene-001.toml").exists()
     panel.ask("reset")
     panel.key("b")
-    assert panel.ask("set", effects=["DISCARD"])["closed"]
+    assert panel.ask("set", effects=["LEAVE"])["closed"]
     panel.ask("reset")
 
 

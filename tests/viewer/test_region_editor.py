@@ -91,7 +91,10 @@ def test_a_copy_draws_the_same_picture(tmp_path: Path, renderer: sg.Renderer, mo
     assert history.undo(edited).style.base == state.style.base
     monkeypatch.chdir(tmp_path)
     wanted, before = (
-        render_scene(scene_of(each, document), document, renderer.render).pixels for each in (edited, state)
+        render_scene(
+            scene_of(each, document), document.with_styles(each.styles, (), each.settings), renderer.render
+        ).pixels
+        for each in (edited, state)
     )
     space: dict[str, Any] = {}
     exec(copy_text(Copy.PYTHON, edited, document), space)
