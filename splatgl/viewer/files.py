@@ -32,11 +32,6 @@ TITLES = {OPEN: "Open a volume or a scene", SAVE: "Save: .toml a scene, .png a p
 TITLES[ADD] = "Add a volume, a segmentation or a mesh"
 
 
-def has_native() -> bool:
-    """Whether the desktop has a dialog of its own."""
-    return not sys.platform.startswith("linux") or any(map(shutil.which, HELPERS))
-
-
 def suffixes() -> tuple[str, ...]:
     """The suffixes of files that can be opened."""
     known = (suffix for form in formats() if "file" in form.kinds for suffix in form.suffixes)
@@ -54,7 +49,8 @@ class Dialogs:
         """Opens a dialog, a key of TITLES. name: the proposed one; browser: returns that of the panel."""
         if self.process is None:
             self.kind = kind
-            if has_native():
+            # a dialog of the desktop
+            if not sys.platform.startswith("linux") or any(map(shutil.which, HELPERS)):
                 self.process = _native(kind, folder / name)
             else:
                 browser().open(kind, TITLES[kind], folder, name)
@@ -201,7 +197,8 @@ class Arrangement:
         if not isinstance(stored, dict):
             return cls()
         size, default = stored.get("size"), cls()
-        if not (isinstance(size, list) and len(size) == 2 and all(_is_side(side) for side in size)):
+        is_size = isinstance(size, list) and [type(side) for side in size] == [int, int]
+        if not is_size or min(size) < SIDES[0] or max(size) > SIDES[1]:
             size = None
         kept: dict[str, Any] = {name: stored.get(name) for name in ("panel", "slices", "theme")}
         right = {name: value for name, value in kept.items() if type(value) is type(getattr(default, name))}
@@ -212,10 +209,6 @@ class Arrangement:
         file = _state_file("window.json", environment)
         if file is not None and self != Arrangement.of(environment):
             _write(file, asdict(self))
-
-
-def _is_side(value: object) -> bool:
-    return type(value) is int and SIDES[0] <= value <= SIDES[1]
 
 
 def _state_file(name: str, environment: Mapping[str, str]) -> Path | None:

@@ -162,14 +162,12 @@ def _pace(state: State, frame: Frame, busy: str | None) -> list[str]:
     work = f", {busy} ..." if busy else ""
     if not frame.full:
         return [f"{rate}  moving: {frame.given_up}{work}"]
-    lines = [f"{rate}  refined to {_tolerance(state.settings.tolerance)}{work}"]
+    parts = 1 / state.settings.tolerance
+    tolerance = f"1/{parts:.0f}" if abs(parts - round(parts)) < 1e-6 else f"{state.settings.tolerance:g}"
+    lines = [f"{rate}  refined to {tolerance}{work}"]
     if frame.off is not None:
         lines.append(f"in motion it was off by RMSE {frame.off.rmse:.2g}, largest {frame.off.largest:.2g}")
     return lines
-
-
-def _tolerance(tolerance: float) -> str:
-    return f"1/{1 / tolerance:.0f}" if abs(1 / tolerance - round(1 / tolerance)) < 1e-6 else f"{tolerance:g}"
 
 
 def _depths(document: Document, frame: Frame) -> str:
