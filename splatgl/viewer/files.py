@@ -197,12 +197,11 @@ class Arrangement:
         if not isinstance(stored, dict):
             return cls()
         size, default = stored.get("size"), cls()
-        is_size = isinstance(size, list) and [type(side) for side in size] == [int, int]
-        if not is_size or min(size) < SIDES[0] or max(size) > SIDES[1]:
-            size = None
+        sides = size if isinstance(size, list) else ()
+        is_size = [type(side) for side in sides] == [int, int] and SIDES[0] <= min(sides) and max(sides) <= SIDES[1]
         kept: dict[str, Any] = {name: stored.get(name) for name in ("panel", "slices", "theme")}
         right = {name: value for name, value in kept.items() if type(value) is type(getattr(default, name))}
-        return replace(default, size=tuple(size) if size else None, **right)
+        return replace(default, size=tuple(sides) if is_size else None, **right)
 
     def remember(self, environment: Mapping[str, str]) -> None:
         """Stores it for the next window, where there is a folder for it."""

@@ -22,7 +22,7 @@ from splatgl.viewer import hud, loading, viewer
 from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document
 from splatgl.viewer.input import help_rows
-from splatgl.viewer.jobs import Jobs
+from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.loading import Files, Opened
 from splatgl.viewer.state import State
 from tests.helpers.blobs import blob
@@ -194,7 +194,7 @@ def test_a_dropped_file_is_not_replaced(folder: Path, monkeypatch: pytest.Monkey
     os.utime(folder / "watched.npy", (2, 2))
     found.check(state, 2e9)
     assert found.opening == "" and found.jobs.wait(300.0)
-    assert [done.name for done in found.jobs.collect()] == ["reading again"]
+    assert [done.kind for done in found.jobs.collect()] == [Kind.RELOAD]
 
 
 @pytest.mark.long
