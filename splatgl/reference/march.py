@@ -25,13 +25,13 @@ from splatgl.planning.resolve import draws_boxes, kernel_name, select_splats
 from splatgl.planning.scene import Scene
 from splatgl.reference.layers import crossings
 from splatgl.reference.rays import Pixels, box_ends, index_rays, pixel_slopes
-from splatgl.reference.sheets import weight_extinction
+from splatgl.reference.sheets import mean_classes
 from splatgl.splat.kernels import BOX, Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.transfer.preintegration import ClassIntegral, ValueClassifier
-from splatgl.transfer.regions import crossed_depth, mean_matter
+from splatgl.transfer.regions import crossed_depth
 
 # points whose sums stay in the cache
 POINTS = 1 << 13
@@ -42,72 +42,75 @@ PAD = 3
 # entries of the table of a kernel over squared distances, and the largest squared distance
 ENTRIES, FURTHEST = 1 << 18, 13.0
 
-# of blocks of cells: whether they have anything visible, and bounds of the values at points in them
-Blocks = tuple[np.ndarray, np.ndarray, np.ndarray]
-
 
 class Cells:
-    """Terms of splats on their lattice. terms: float32 arrays [Z, Y, X], 0 where no splat is. low [3]: grid position
-    (x, y, z) of the first entry.
+    """Terms of splats on their lattice, 0 where no splat is, and the kernel that weighs them. low [3]: grid position
+    (x, y, z) of the first entry; shape: entries along z, y, x.
+
+    is_exact: terms float64 [N + 1] of N splats, which `index` finds, and the last for entries without one; else those
+    float32 of all entries, weighted by a table of the kernel, which is faster. Without a kernel: boxes.
     """
 
-    def __init__(self, positions: np.ndarray, terms: Sequence[np.ndarray | float]) -> None:
+    def __init__(
+        self, positions: np.ndarray, terms: Sequence[np.ndarray | float], kernel: Kernel | None, is_exact: bool = False
+    ) -> None:
         cells = np.rint(positions).astype(np.int64)
         self.low = cells.min(axis=0) - PAD
-        shape = (cells.max(axis=0) + PAD + 1 - self.low)[::-1]
+        self.shape = tuple((cells.max(axis=0) + PAD + 1 - self.low)[::-1].tolist())
+        self.kernel, self.real, self.scale = kernel, np.float64 if is_exact else np.float32, 1.0
         x, y, z = (cells - self.low).T
-        self.terms = [np.zeros(shape, np.float32) for _ in terms]
+        self.index = np.full(self.shape, len(cells), np.int32) if is_exact else None
+        if self.index is not None:
+            self.index[z, y, x] = np.arange(len(cells))
+            self.terms = [np.append(np.broadcast_to(term, len(cells)), 0.0) for term in terms]
+            return
+        self.terms = [np.zeros(self.shape, np.float32) for _ in terms]
         for array, term in zip(self.terms, terms, strict=True):
             array[z, y, x] = term
+        if kernel is not None:
+            self.table, self.scale = kernel_table(kernel), ENTRIES / FURTHEST
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """Entries along z, y, x."""
-        return self.terms[0].shape
-
-    def nearest(self, places: np.ndarray) -> np.ndarray:
-        """The first term [P] of the cells around grid positions [3, P]; 0 beyond all."""
-        x, y, z = (np.clip(np.rint(i).astype(np.int64) - a, 0, n - 1) for i, a, n in self._axes(places))
-        return self.terms[0][z, y, x].astype(np.float64)
+    def held(self) -> np.ndarray:
+        """bool [Z, Y, X]: where splats are."""
+        return self.terms[0] > 0 if self.index is None else self.index < len(self.terms[0]) - 1
 
     def _axes(self, places: np.ndarray) -> Iterator[tuple[np.ndarray, int, int]]:
         return zip(places, self.low.tolist(), self.shape[::-1], strict=True)
 
-    def sums(self, table: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """[n, P]: sums of the terms at grid positions [3, P], weighted by a kernel; table: as of `kernel_table`."""
+    def sums(self, places: np.ndarray) -> np.ndarray:
+        """[n, P]: sums of the terms at grid positions [3, P], weighted by the kernel; of boxes, the terms around."""
+        if self.kernel is None:
+            x, y, z = (np.clip(np.rint(i).astype(np.int64) - a, 0, n - 1) for i, a, n in self._axes(places))
+            return np.stack([term[z, y, x].astype(np.float64) for term in self.terms])
         result = np.empty((len(self.terms), places.shape[1]))
         for first in range(0, places.shape[1], POINTS):
             some = slice(first, first + POINTS)
-            result[:, some] = self._sums(table, places[:, some])
+            result[:, some] = self._sums(self.kernel, places[:, some])
         return result
 
-    def _sums(self, table: np.ndarray, places: np.ndarray) -> np.ndarray:
-        squares, cells, offsets = [], [], np.arange(-1, 3)
+    def _sums(self, kernel: Kernel, places: np.ndarray) -> np.ndarray:
+        squares, cells, offsets, real = [], [], np.arange(-1, 3), self.real
         for place, low, size in self._axes(places):
             cell = np.clip(np.floor(place).astype(np.int64) - low, 1, size - 3)
-            apart = (place - (cell + low)).astype(np.float32) - offsets[:, None].astype(np.float32)
-            squares.append(np.minimum(apart * apart, np.float32(4)) * np.float32(ENTRIES / FURTHEST))
+            apart = (place - (cell + low)).astype(real) - offsets[:, None].astype(real)
+            squares.append(np.minimum(apart * apart, real(4)) * real(self.scale))
             cells.append(cell)
         _, height, width = self.shape
         first = (cells[2] * height + cells[1]) * width + cells[0] + offsets[:, None]
-        totals = np.zeros((len(self.terms), places.shape[1]), np.float32)
+        totals = np.zeros((len(self.terms), places.shape[1]), real)
         flat = [term.ravel() for term in self.terms]
         for k, j in np.ndindex(4, 4):
-            # modes other than "raise" are faster; all entries exist
-            weight = table.take((squares[0] + (squares[1][j] + squares[2][k])).astype(np.int64), mode="clip")
+            square = squares[0] + (squares[1][j] + squares[2][k])
             entry = first + (offsets[k] * height + offsets[j]) * width
+            # modes other than "raise" are faster; all entries exist
+            if self.index is None:
+                weight = self.table.take(square.astype(np.int64), mode="clip")
+            else:
+                weight, entry = kernel.value(np.sqrt(square)), self.index.take(entry, mode="clip")
             for total, term in zip(totals, flat, strict=True):
                 total += np.einsum("cp,cp->p", weight, term.take(entry, mode="clip"))
         return totals
-
-    def blocks(self, extreme: np.ufunc, array: np.ndarray) -> np.ndarray:
-        """Extremes of an array of entries over blocks of BLOCK entries and the blocks beside them."""
-        for axis, size in enumerate(array.shape):
-            array = extreme.reduceat(array, np.arange(0, size, BLOCK), axis=axis)
-        for axis in range(3):
-            padded = np.pad(array, [(int(n == axis),) * 2 for n in range(3)], mode="edge")
-            array = extreme.reduce([padded.take(range(k, k + array.shape[axis]), axis) for k in range(3)])
-        return np.asarray(array, np.float64)
 
 
 def kernel_table(kernel: Kernel) -> np.ndarray:
@@ -116,10 +119,64 @@ def kernel_table(kernel: Kernel) -> np.ndarray:
     return np.asarray(kernel.value(np.sqrt(middles)), np.float32)
 
 
+@dataclass(frozen=True, eq=False)
+class Best:
+    """Values [P] that rays must exceed, times a sign: 1 for the largest values, −1 for the least, 0: no block of cells
+    is known not to.
+    """
+
+    value: np.ndarray
+    sign: float
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Blocks of BLOCK cells along the sides. low [3]: grid position (x, y, z) of the first of `shape` cells along z, y,
+    x. visible [Z, Y, X]: whether blocks have anything visible; least, most [Z, Y, X]: bounds of the values at points in
+    them.
+    """
+
+    low: np.ndarray
+    shape: tuple[int, ...]
+    visible: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+
+    def free(
+        self, places: np.ndarray, along: np.ndarray, step: np.ndarray, limit: np.ndarray | None = None, sign: float = 1
+    ) -> np.ndarray:
+        """Depths [N] up to the ends of blocks without anything visible, or whose values times `sign` do not exceed
+        `limit` [N], and SLIGHTLY of a step [N] more; 0 elsewhere. places, along [3, N]: grid positions, and per depth.
+        """
+        place = places - self.low[:, None]
+        block = np.clip(np.floor(place), 0, np.array(self.shape)[::-1, None] - 1).astype(np.int64) // BLOCK
+        x, y, z = block
+        if limit is None:
+            is_empty = ~self.visible[z, y, x]
+        else:
+            is_empty = (self.most[z, y, x] if sign > 0 else -self.least[z, y, x]) <= limit
+        some, free = np.flatnonzero(is_empty), np.zeros(len(step))
+        along = along[:, some]
+        ends = np.where(along > 0, block[:, some] + 1, block[:, some]) * float(BLOCK)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            out = np.where(along == 0, np.inf, (ends - place[:, some]) / along).min(axis=0)
+        # slightly beyond the end of the block
+        free[some] = np.maximum(out, 0.0) + SLIGHTLY * step[some]
+        return free
+
+
+def block_extremes(extreme: np.ufunc, array: np.ndarray) -> np.ndarray:
+    """Extremes of an array of cells over blocks of BLOCK cells along the sides and the blocks beside them."""
+    for axis, size in enumerate(array.shape):
+        array = extreme.reduceat(array, np.arange(0, size, BLOCK), axis=axis)
+    for axis in range(3):
+        padded = np.pad(array, [(int(n == axis),) * 2 for n in range(3)], mode="edge")
+        array = extreme.reduce([padded.take(range(k, k + array.shape[axis]), axis) for k in range(3)])
+    return np.asarray(array, np.float64)
+
+
 class Matter(Protocol):
     """The matter of a layer, by its state at points: [n, P], the value first; NaN where there is none."""
-
-    cells: Cells
 
     def at(self, places: np.ndarray) -> np.ndarray:
         """States [n, P] at grid positions [3, P]."""
@@ -134,7 +191,7 @@ class Matter(Protocol):
         ...
 
     def visible_blocks(self) -> Blocks:
-        """Of blocks of cells: whether they have anything visible, and bounds of the values at points in them."""
+        """Blocks of cells that rays may skip."""
         ...
 
 
@@ -146,7 +203,6 @@ class ValueMatter:
 
     cells: Cells
     post: ValueClassifier
-    table: np.ndarray
     spacing: float
     unit: float
 
@@ -156,12 +212,12 @@ class ValueMatter:
         assert splats.post is not None
         records, post = splats.records[some], splats.post
         gradient = [*records["gradient"].T] if post.transfer.needs_gradients else list[np.ndarray]()
-        cells = Cells(records["position"], [1.0, records["value"], *gradient])
-        return cls(cells, post, kernel_table(kernel_named(post.kernel)), splats.grid.mean_spacing, splats.unit)
+        cells = Cells(records["position"], [1.0, records["value"], *gradient], kernel_named(post.kernel))
+        return cls(cells, post, splats.grid.mean_spacing, splats.unit)
 
     def at(self, places: np.ndarray) -> np.ndarray:
         """States [1 or 2, P]: value, and magnitude of the gradient."""
-        mass, *sums = self.cells.sums(self.table, places)
+        mass, *sums = self.cells.sums(places)
         mass[mass == 0] = np.nan
         states = [self.post.value(sums[0] / mass)]
         if len(sums) > 1:
@@ -184,11 +240,8 @@ class ValueMatter:
         first, last = np.where(np.isnan(first), last, first), np.where(np.isnan(last), first, last)
         known, transfer = np.isfinite(first[0]), self.post.transfer
         first, last = (np.where(known, state, 0.0) for state in (first, last))
-        mean = self._extinction.mean(first[0], last[0])[:, 0]
-        if transfer.gradient:
-            mean = weight_extinction(mean, transfer.weight((first[1] + last[1]) / 2))
-        if transfer.regions:
-            mean = mean + mean_matter(transfer.regions, first, last)[:, 3]
+        size = (first[1] + last[1]) / 2 if transfer.gradient else None
+        mean = mean_classes(self._extinction, transfer, (first, last), size)[:, 0]
         crossed = crossed_depth(*self._surfaces, first[0], last[0]) if transfer.iso else np.zeros(len(known))
         return np.where(known, mean / self.unit, 0.0), np.where(known, crossed, 0.0)
 
@@ -198,15 +251,15 @@ class ValueMatter:
 
     def visible_blocks(self) -> Blocks:
         """By all values between the coefficients around."""
-        is_there, value = self.cells.terms[0] > 0, self.post.value(self.cells.terms[1])
-        low = self.cells.blocks(np.minimum, np.where(is_there, value, np.inf))
-        high = self.cells.blocks(np.maximum, np.where(is_there, value, -np.inf))
+        is_there, value = self.cells.held, self.post.value(self.cells.terms[1])
+        low = block_extremes(np.minimum, np.where(is_there, value, np.inf))
+        high = block_extremes(np.maximum, np.where(is_there, value, -np.inf))
         some = low <= high
         if not self.post.transfer.regions:
             ends = np.stack([low[some], high[some]])[:, None]
             # surfaces lie between two values, too
             some[some] = sum(self._replaced().between(*ends)) > 0
-        return some, low, high
+        return Blocks(self.cells.low, self.cells.shape, some, low, high)
 
     def _replaced(self) -> Self:
         """The same whose opacity no gradient weighs."""
@@ -216,24 +269,23 @@ class ValueMatter:
 
 @dataclass(frozen=True, eq=False)
 class VoxelMatter:
-    """Extinctions per world length of voxels that are classified before reconstruction: sums of kernels, or without a
-    kernel's table those of the boxes of labels.
+    """Extinctions per world length of voxels that are classified before reconstruction: sums of kernels, or those of
+    the boxes of labels.
     """
 
     cells: Cells
-    table: np.ndarray | None
     unit: float
 
     @classmethod
     def of(cls, splats: Splats, some: np.ndarray | slice, kernel: Kernel) -> Self:
         """Of some splats."""
         records = splats.records[some]
-        cells = Cells(records["position"], [records["optical_depth"] / splats.grid.mean_spacing])
-        return cls(cells, None if kernel is BOX else kernel_table(kernel), splats.unit)
+        terms = [records["optical_depth"] / splats.grid.mean_spacing]
+        return cls(Cells(records["position"], terms, None if kernel is BOX else kernel), splats.unit)
 
     def at(self, places: np.ndarray) -> np.ndarray:
         """States [1, P]: extinction."""
-        return self.cells.nearest(places)[None] if self.table is None else self.cells.sums(self.table, places)
+        return self.cells.sums(places)
 
     def between(self, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Means; there are no surfaces."""
@@ -245,9 +297,10 @@ class VoxelMatter:
 
     def visible_blocks(self) -> Blocks:
         """Where a voxel is."""
-        highest = self.cells.blocks(np.maximum, self.cells.terms[0])
+        is_visible = block_extremes(np.maximum, self.cells.terms[0]) > 0
         # sums of kernels may exceed all voxels
-        return highest > 0, np.zeros_like(highest), np.where(highest > 0, np.inf, 0.0)
+        most = np.where(is_visible, np.inf, 0.0)
+        return Blocks(self.cells.low, self.cells.shape, is_visible, np.zeros(most.shape), most)
 
 
 # points of a ray per voxel, and of a single ray; points of all rays that are evaluated together, of a ray at least
@@ -260,16 +313,6 @@ FEW = 16
 SLIGHTLY = 1e-6
 # opacity of an opaque surface: its optical depth exceeds that of any share
 OPAQUE = 1 - 1e-12
-
-
-@dataclass(frozen=True, eq=False)
-class Best:
-    """Values [P] that rays must exceed, times a sign: 1 for the largest values, −1 for the least, 0: no block of cells
-    is known not to.
-    """
-
-    value: np.ndarray
-    sign: float
 
 
 def fields_of(
@@ -522,23 +565,9 @@ class LayerRays:
         near, far = self.near[rays], self.far[rays]
         free = np.where(depth < near, near - depth, 0.0)
         if self.layer.steps == STEPS and (best is None or best.sign):
-            visible, low, high = self.layer.blocks
-            cells = self.layer.matter.cells
-            place = self.places(depth, rays) - cells.low[:, None]
-            block = np.clip(np.floor(place), 0, np.array(cells.shape)[::-1, None] - 1).astype(np.int64) // BLOCK
-            x, y, z = block
-            if best is None:
-                is_empty = ~visible[z, y, x]
-            else:
-                limit = high[z, y, x] if best.sign > 0 else -low[z, y, x]
-                is_empty = limit <= best.value[rays]
-            some = np.flatnonzero(is_empty & (depth >= near))
-            along = self.along[:, rays[some]]
-            ends = np.where(along > 0, block[:, some] + 1, block[:, some]) * float(BLOCK)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                out = np.where(along == 0, np.inf, (ends - place[:, some]) / along).min(axis=0)
-            # slightly beyond the end of the block
-            free[some] = np.maximum(out, 0.0) + SLIGHTLY * self.step[rays[some]]
+            exceeded = () if best is None else (best.value[rays], best.sign)
+            at, along, step = self.places(depth, rays), self.along[:, rays], self.step[rays]
+            free = np.where(depth < near, free, self.layer.blocks.free(at, along, step, *exceeded))
         return np.where(depth >= far, np.inf, free)
 
 

@@ -7,8 +7,9 @@ classified in parts, or joined to one value that is classified.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -33,8 +34,9 @@ from splatgl.splat.sheets import (
     layer_wave,
 )
 from splatgl.splat.splats import Splats
-from splatgl.transfer.preintegration import ValueClassifier
-from splatgl.transfer.regions import THIN, spline_crossings
+from splatgl.transfer.preintegration import ClassIntegral, ValueClassifier
+from splatgl.transfer.regions import THIN, mean_matter, spline_crossings
+from splatgl.transfer.transfer import Transfer
 
 # opacity behind which the remaining light is less than rounding
 OPAQUE = 1 - 1e-15
@@ -279,16 +281,13 @@ class SheetField:
 
     def classify(self, part: Part) -> np.ndarray:
         """[P, 4]: colour times optical depth, and optical depth of a part."""
-        first, last, length = part.begin, part.end, (part.ends[1] - part.ends[0]) * part.stretch
-        matter = self.post.integral.mean(self.post.value(first[:, 0]), self.post.value(last[:, 0]))
-        if self.look.weighted:
-            size = np.linalg.norm(part.gradient, axis=1)
-            weight = self.post.transfer.weight(size * self.post.span / self.spacing)
-            extinction = matter[:, 3]
-            matter *= (weight_extinction(extinction, weight) / np.where(extinction > 0, extinction, 1.0))[:, None]
-        if self.post.transfer.regions:
-            ends = [np.stack([at[:, 0], np.linalg.norm(at[:, 1:], axis=1)]) for at in (first, last)]
-            matter += self.post.mean_regions(ends[0], ends[1], self.spacing)
+        length, scale = (part.ends[1] - part.ends[0]) * part.stretch, self.post.span / self.spacing
+        size = np.linalg.norm(part.gradient, axis=1) * scale
+        states = [
+            np.stack([self.post.value(at[:, 0]), np.linalg.norm(at[:, 1:], axis=1) * scale])
+            for at in (part.begin, part.end)
+        ]
+        matter = mean_classes(self.post.integral, self.post.transfer, states, size)
         return np.asarray(matter * (length * self.spacing / self.unit)[:, None])
 
 
@@ -397,6 +396,25 @@ def weight_extinction(extinction: np.ndarray, weight: np.ndarray) -> np.ndarray:
     share = np.minimum(-np.expm1(-extinction) * weight, 1.0)
     with np.errstate(divide="ignore"):
         return np.where(weight < 1, -np.log1p(-share), extinction)
+
+
+def mean_classes(
+    integral: ClassIntegral, transfer: Transfer, states: Sequence[np.ndarray], size: np.ndarray | None
+) -> np.ndarray:
+    """Mean emission, if the integral has it, and extinction [P, n] per reference length of rays between states [1 or 2,
+    P]: values, and magnitudes of gradients where opacity depends on them. size [P]: magnitude that weighs opacity.
+    """
+    pieces = list(pairwise(states))
+    matter = np.sum([integral.mean(first[0], last[0]) for first, last in pieces], axis=0) / len(pieces)
+    if transfer.gradient:
+        extinction = matter[:, -1]
+        weighted = weight_extinction(extinction, transfer.weight(size))
+        matter = matter * (weighted / np.where(extinction > 0, extinction, 1.0))[:, None]
+        matter[:, -1] = weighted
+    if transfer.regions:
+        regions = np.sum([mean_matter(transfer.regions, *piece) for piece in pieces], axis=0) / len(pieces)
+        matter = matter + regions[:, -matter.shape[1] :]
+    return np.asarray(matter)
 
 
 # maximum number of floats in the sums of a band of pixels
