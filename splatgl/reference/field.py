@@ -1,10 +1,10 @@
-"""The volume rendering integral in float64: of the field of values, classified then, and of the kernels' field.
+"""Pictures of fields in float64, by the walk along rays: of values, which are classified then, and of kernels.
 
 Extinction σ(x) = Σ σ_i h and σ c(x) = Σ σ_i c_i h are summed at points along each ray, so that overlapping kernels mix
 before they occlude: the difference from `reference.render` is the error of splatting itself.
 
-The field is the kernels' normalised sum, trilinear interpolation, or a formula, of all samples, not only of those that
-extraction keeps. Its difference from a picture by sheets is the error of sheets.
+The field of values is the kernels' normalised sum, trilinear interpolation, or a formula, of all samples, not only of
+those that extraction keeps. Its difference from a picture by sheets is the error of sheets.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -21,7 +21,7 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
-from splatgl.geometry.clipping import FACE, Clip
+from splatgl.geometry.clipping import FACE
 from splatgl.geometry.grid import Grid, dilate, trilinear
 from splatgl.geometry.mask_field import MaskField
 from splatgl.geometry.view import GridView
@@ -29,8 +29,9 @@ from splatgl.planning.ambient_occlusion import LightVolume
 from splatgl.planning.culling import clip_behind_eye
 from splatgl.planning.resolve import Resolved, kernel_name, select_splats
 from splatgl.reference.blend import classify_values, join_attenuated, join_values, joined_value, over_background
-from splatgl.reference.rays import Rays, box_ends, index_rays, pixel_slopes
-from splatgl.reference.sheets import weight_extinction
+from splatgl.reference.march import Best, Blocks, Cells, block_extremes, walk
+from splatgl.reference.rays import Bounds, Rays
+from splatgl.reference.sheets import mean_classes, mix_light
 from splatgl.splat.extract_values import field_slopes, gradients, select_needed, with_slopes
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
@@ -38,105 +39,168 @@ from splatgl.splat.lighting import LIGHTS, Light, apply_light, surface_light
 from splatgl.splat.prefilter import prefilter
 from splatgl.splat.settings import Blend, Settings
 from splatgl.splat.splats import Splats
-from splatgl.transfer.preintegration import ClassIntegral, ValueClassifier, surface_levels
-from splatgl.transfer.regions import mean_matter
+from splatgl.transfer.preintegration import ValueClassifier, surface_levels
 from splatgl.transfer.transfer import Transfer
 
-# maximum number of cells in the lookup table of the splats' box, 4 bytes each
+# maximum number of cells in the box of splats, 4 bytes each
 MAX_CELLS = 1 << 27
-# neighbours along each axis: both kernels reach at most 2 cells
-NEIGHBOURS = np.arange(-1, 3)
-# rays and points per batch: the 64 neighbours of each point stay in the cache
-KERNEL_RAYS, KERNEL_POINTS = 1 << 16, 1 << 11
-# maximum leap through empty space, cells
-LEAP = 12
 # settings for splats that are classified before reconstruction
 BEFORE: dict[str, Any] = {"classification": "pre", "compositing": "splats"}
 # opaque optical depth: exp(−40) is below float64's rounding of 1
 OPAQUE = 40.0
+# rays per batch
+RAYS = 1 << 14
+# steps per voxel through the field of kept values
+STEPS = 4
+# share of a step up to which its crossing belongs to it; 1: it has none
+BEFORE_END = 1 - 1e-12
+
+# value [P] and world gradient [P, 3] at grid positions [3, P]
+Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
-class KernelField:
-    """Splats on their lattice. cell int32 [X+4, Y+4, Z+4]: index of the splat there, or of the last, empty entry.
+class NearCells:
+    """Where matter may be: bool `near` [Z, Y, X] of the cells from `low` (x, y, z) on."""
 
-    low [3]: the cell of entry (2, 2, 2). depth [N+1]: extinction · s̄; emitted [N+1, 3]: extinction · s̄ · colour.
-    free uint8 [X+4, Y+4, Z+4]: distance in cells to a cell whose neighbours contain a splat, at most LEAP.
-    """
-
-    kernel: Kernel
-    cell: np.ndarray
+    near: np.ndarray
     low: np.ndarray
-    depth: np.ndarray
-    emitted: np.ndarray
-    free: np.ndarray
-
-    @classmethod
-    def of(cls, splats: Splats, kernel: Kernel, color: np.ndarray) -> KernelField:
-        """Builds the field. InputError for splats off a lattice."""
-        places = splats.positions.astype(np.float64)
-        cells = np.rint(places).astype(np.int64)
-        low, high = splats.index_bounds.astype(np.int64)
-        shape = high - low + 5
-        if shape.prod() > MAX_CELLS:
-            raise expected("splats", f"a box of at most {MAX_CELLS} cells", int(shape.prod()), "use a smaller volume")
-        table = np.full(shape, len(places), np.int32)
-        entries = tuple((cells - low + 2).T)
-        table[entries] = np.arange(len(places))
-        if (cells != places).any() or np.count_nonzero(table < len(places)) < len(places):
-            raise expected("splats", "at most one at each point of a lattice", "others", "use an extracted volume")
-        depth = np.append(splats.records["optical_depth"].astype(np.float64), 0.0)
-        emitted = depth[:, None] * np.concatenate([color, np.zeros((1, 3))])
-        return cls(kernel, table, low, depth, emitted, distances(_within_reach(table < len(places))))
-
-    def cells(self, places: np.ndarray) -> np.ndarray:
-        """[3, P]: table indices of grid positions [3, P], rounded down."""
-        entries = np.floor(places).astype(np.int64) - (self.low - 2)[:, None]
-        return np.clip(entries, 0, np.array(self.cell.shape)[:, None] - 1)
 
     def at(self, places: np.ndarray) -> np.ndarray:
-        """[P, 4]: σ s̄ c and σ s̄ at grid positions [3, P]."""
-        total = np.empty((places.shape[1], 4))
-        for first in range(0, len(total), KERNEL_POINTS):
-            some = slice(first, first + KERNEL_POINTS)
-            total[some] = self._sums(places[:, some])
-        return total
+        """Cells of `near` [...] around grid positions [3, ...]."""
+        axes = zip(places, self.low.tolist(), self.near.shape[::-1], strict=True)
+        x, y, z = (np.clip(np.rint(i).astype(np.int64) - a, 0, n - 1) for i, a, n in axes)
+        return np.asarray(self.near[z, y, x])
 
-    def _sums(self, places: np.ndarray) -> np.ndarray:
-        count = places.shape[1]
-        flat, squares = np.zeros((count, 1), np.int64), []
-        for place, size, low in zip(places, self.cell.shape, self.low, strict=True):
-            first = np.floor(place)
-            cell = np.clip((first - low + 2).astype(np.int64)[:, None] + NEIGHBOURS, 0, size - 1)
-            flat = (flat[:, :, None] * size + cell[:, None, :]).reshape(count, -1)
-            squares.append((((place - first)[:, None] - NEIGHBOURS) ** 2).ravel())
-        entries = self.cell.ravel()[flat.ravel()]
-        held = np.flatnonzero(entries < len(self.depth) - 1)
-        point, x, y, z = held >> 6, (held >> 4) & 3, (held >> 2) & 3, held & 3
-        square = squares[0][4 * point + x] + squares[1][4 * point + y] + squares[2][4 * point + z]
-        near = np.flatnonzero(square < self.kernel.radius**2)
-        point, splat, weight = point[near], entries[held[near]], self.kernel.value(np.sqrt(square[near]))
-        terms = (*self.emitted.T, self.depth)
-        return np.stack([np.bincount(point, weight * term[splat], count) for term in terms], axis=-1)
+    @cached_property
+    def blocks(self) -> Blocks:
+        """Blocks of these cells."""
+        is_near = block_extremes(np.maximum, self.near) > 0
+        return Blocks(self.low, self.near.shape, is_near, is_near, is_near)
 
 
-def distances(near: np.ndarray) -> np.ndarray:
-    """uint8: Chebyshev distance in cells to the nearest True cell of `near`, at most LEAP."""
-    free = np.where(near, 0, LEAP).astype(np.uint8)
-    for away in range(1, LEAP):
-        wider = dilate(near)
-        free[wider & ~near] = away
-        near = wider
-    return free
+@dataclass(frozen=True, eq=False)
+class SlabRays:
+    """Rays of a picture, along which depth counts slabs. far [P]: their numbers; thickness [P]: theirs, index units."""
+
+    rays: Rays
+    cells: NearCells
+    far: np.ndarray
+    thickness: np.ndarray
+
+    @classmethod
+    def of(cls, rays: Rays, cells: NearCells, steps_per_voxel: int) -> SlabRays:
+        """Rays in slabs of at most 1/steps_per_voxel of a grid step, of equal thickness along a ray."""
+        far = np.ceil((rays.far - rays.near) * steps_per_voxel)
+        return cls(rays, cells, far, (rays.far - rays.near) / np.maximum(far, 1))
+
+    @property
+    def step(self) -> np.ndarray:
+        """[P]: a slab."""
+        return np.ones(len(self.far))
+
+    @property
+    def length(self) -> np.ndarray:
+        """[P]: lengths of slabs, mean spacings."""
+        return self.thickness * self.rays.stretch
+
+    def places(self, depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """Grid positions [3, …, N] at depths […, N] of rays [N]."""
+        axis = (slice(None), *[None] * (depth.ndim - 1))
+        along = self.rays.near[rays] + depth * self.thickness[rays]
+        return np.asarray(self.rays.start[:, rays][axis] + self.rays.direction[:, rays][axis] * along)
+
+    def stops(self, begin: np.ndarray, end: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """Depths [0, N]: slabs are not divided."""
+        return np.zeros((0, len(rays)))
+
+    def free(self, depth: np.ndarray, rays: np.ndarray, best: Best | None) -> np.ndarray:
+        """Slabs [N] to pass until something may be visible from depths [N] of rays [N] on: infinite behind the last.
+        best: values are wanted: none is passed.
+        """
+        free = np.zeros(len(rays))
+        if best is None:
+            along = self.rays.direction[:, rays] * self.thickness[rays]
+            # slabs whose middles are passed
+            free = np.floor(self.cells.blocks.free(self.places(depth, rays), along, self.step[rays]) + 0.5)
+        return np.where(depth >= self.far[rays], np.inf, free)
 
 
-def _within_reach(held: np.ndarray) -> np.ndarray:
-    """bool: cells whose NEIGHBOURS contain an occupied cell."""
-    for axis in range(held.ndim):
-        near = dilate(held, (axis,))
-        np.moveaxis(near, axis, 0)[:-2] |= np.moveaxis(held, axis, 0)[2:]
-        held = near
-    return held
+# colour and optical depth [S, P, 4] of the pieces, front to back, of slabs [P] of rays [P] with middles at depths [P]
+Slabs = Callable[[SlabRays, np.ndarray, np.ndarray], np.ndarray]
+
+
+def composite(matter: Slabs, rays: SlabRays, is_sum: bool) -> np.ndarray:
+    """Light [P, 4]: the integrals along rays; is_sum: plain sums of extinction and of extinction times colour."""
+    light = np.zeros((len(rays.far), 4))
+
+    def visit(some: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        middle = ends[:-1] + 0.5
+        slab, ray = np.nonzero((middle < rays.far[some]) & rays.cells.at(rays.places(middle, some)))
+        if not len(ray):
+            return np.ones(len(some), bool)
+        parts = matter(rays, middle[slab, ray], some[ray])
+        pieces = np.zeros((len(middle), len(parts), len(some), 4))
+        pieces[slab, :, ray] = parts.swapaxes(0, 1)
+        pieces = pieces.reshape(-1, len(some), 4)
+        # optical depths before each piece, and after the last
+        depth = np.cumsum(np.concatenate([light[None, some, 3], pieces[..., 3]]), axis=0)
+        share = pieces[..., 3] if is_sum else np.exp(-depth[:-1]) * -np.expm1(-pieces[..., 3])
+        colors = np.concatenate([light[None, some, :3], share[..., None] * pieces[..., :3]])
+        light[some] = np.column_stack([np.cumsum(colors, axis=0)[-1], depth[-1]])
+        return is_sum | (depth[-1] < OPAQUE)
+
+    walk([rays], visit)
+    light[:, 3] = light[:, 3] if is_sum else -np.expm1(-light[:, 3])
+    return light
+
+
+def join(matter: FieldMatter, rays: SlabRays, settings: Settings) -> np.ndarray:
+    """Light [P, 4]: the classified maxima, also attenuated ones, minima or means of rays; 0 for those without a finite
+    value.
+    """
+    count, transfer = len(rays.far), matter.post.transfer
+    light, is_attenuated = np.zeros((count, 4)), settings.join == "attenuated"
+    low, high = transfer.color_range
+    width = high - low or matter.post.span
+    depth = settings.mip_attenuation * matter.spacing / matter.unit * rays.length
+    shares = np.array([0.0, 0.5, 1.0] if is_attenuated else [0.5])[:, None]
+
+    def visit(some: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        for slab in ends[:-1]:
+            at = rays.places(slab + shares, some)
+            values = matter.field(at.reshape(3, -1))[0].reshape(len(shares), -1)
+            middle = len(shares) // 2
+            has = np.isfinite(values[middle]) & matter.kept(at[:, middle]) & (slab < rays.far[some])
+            length = np.where(has, rays.thickness[some], 0.0)
+            if is_attenuated:
+                # beyond the field, the value in the middle
+                part = (np.nan_to_num(np.where(np.isfinite(values), values, values[1])) - low) / width
+                light[some] = join_attenuated(light[some], np.clip(part, 0.0, 1.0), length, depth[some])
+            else:
+                light[some] = join_values(light[some], np.nan_to_num(values[0]), length, settings.join)
+        return np.ones(len(some), bool)
+
+    walk([rays], visit, Best(light[:, 0], 0.0))
+    value = joined_value(light, settings.join)
+    return classify_values(transfer, low + width * value if is_attenuated else value)
+
+
+def pixel_means(
+    draw: Callable[[Rays], np.ndarray], grid: Grid, bounds: Bounds, camera: Camera, pixels: np.ndarray, samples: int
+) -> np.ndarray:
+    """float64 [P, 4]: means over samples × samples rays in each of pixels [P], numbered row by row from the top. draw:
+    returns the light [N, 4] of rays.
+    """
+    width, height = camera.size
+    fine = camera.resized((width * samples, height * samples))
+    view = GridView.of(grid, fine, kernel_named("b-spline"), antialias=False)
+    y, x = np.divmod(pixels, width)
+    row, column = np.divmod(np.arange(samples**2), samples)
+    number = ((y[:, None] * samples + row) * (width * samples) + x[:, None] * samples + column).ravel()
+    groups = np.split(number, range(RAYS, len(number), RAYS))
+    drawn = [draw(Rays.of(view, fine, bounds, group)) for group in groups]
+    return np.asarray(np.concatenate(drawn).reshape(len(pixels), -1, 4).mean(axis=1))
 
 
 def ray_integral(
@@ -172,124 +236,70 @@ def ray_integral_at(
     """float64 [P, 4]: pixels [P] of `ray_integral`, numbered row by row from the top."""
     settings = (settings or Settings()).but(**BEFORE)
     settings.require_composite("ray integral")
-    check_counts(steps_per_voxel, samples)
-    fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
+    _check_counts(steps_per_voxel, samples)
     splats = clip_behind_eye(select_splats(splats, settings, moving=False), camera)
-    view = GridView.of(splats.grid, fine, kernel_named(kernel_name(splats, settings)), antialias=False)
-    voxel = view.voxels(splats.positions)
-    resolved = Resolved.of(splats, camera, settings)
+    kernel, resolved = kernel_named(kernel_name(splats, settings)), Resolved.of(splats, camera, settings)
+    voxel = GridView.of(splats.grid, camera, kernel, antialias=False).voxels(splats.positions)
     color = apply_light(splats.colors.astype(np.float64), splats, camera, voxel, resolved)
-    field = KernelField.of(splats, view.kernel, color)
-    rays = samples_of(pixels, camera.size[0], samples)
-    groups = np.split(rays, range(KERNEL_RAYS, len(rays), KERNEL_RAYS))
-    drawn = np.concatenate([_march_kernels(field, view, fine, group, steps_per_voxel) for group in groups])
-    return over_background(drawn.reshape(len(pixels), -1, 4).mean(axis=1), resolved)
+    cells = _lattice(splats, kernel, color)
+    near = NearCells(dilate(dilate(cells.held)), cells.low)
+
+    def matter(rays: SlabRays, slab: np.ndarray, ray: np.ndarray) -> np.ndarray:
+        *emitted, extinction = cells.sums(rays.places(slab, ray))
+        colors = np.stack(emitted) / np.where(extinction > 0, extinction, 1.0)
+        return np.stack([*colors, extinction * rays.length[ray]], axis=-1)[None]
+
+    low, high = splats.index_bounds + np.array([[-kernel.radius], [kernel.radius]])
+    # kernels before the plane of parallel rays are whole
+    bounds = Bounds(low, high, first=0.0 if camera.perspective else -np.inf)
+
+    def draw(rays: Rays) -> np.ndarray:
+        return composite(matter, SlabRays.of(rays, near, steps_per_voxel), False)
+
+    return over_background(pixel_means(draw, splats.grid, bounds, camera, pixels, samples), resolved)
 
 
-def check_counts(steps_per_voxel: int, samples: int) -> None:
+def _check_counts(steps_per_voxel: int, samples: int) -> None:
     """Raises InputError for numbers of slabs and samples below 1."""
     for name, count in (("steps_per_voxel", steps_per_voxel), ("samples", samples)):
         if count < 1:
             raise expected(name, "a number of at least 1", count)
 
 
-def samples_of(pixels: np.ndarray, width: int, samples: int) -> np.ndarray:
-    """Indices of the samples × samples samples of pixels [P], pixel by pixel. width: of the picture, in pixels."""
-    y, x = np.divmod(pixels, width)
-    row, column = np.divmod(np.arange(samples**2), samples)
-    return np.asarray(((y[:, None] * samples + row) * (width * samples) + x[:, None] * samples + column).ravel())
-
-
-def _march_kernels(field: KernelField, view: GridView, camera: Camera, pixel: np.ndarray, steps: int) -> np.ndarray:
-    """float64 [P, 4]: the integral along the rays of pixels, in slabs of equal length per ray."""
-    start, direction, _ = index_rays(view, pixel_slopes(pixel, camera, view.pitch))
-    near, far = _clip_to_box(field, start, direction, view)
-    speed = np.sqrt((direction * direction).sum(axis=0))
-    slabs = np.ceil(np.maximum(far - near, 0.0) * speed * steps).astype(np.int64)
-    step = np.maximum(far - near, 0.0) / np.maximum(slabs, 1)
-    # arc length of a slab in mean spacings, and its maximum extent along an axis in cells
-    length = step * np.sqrt(((view.eye_from_index @ direction) ** 2).sum(axis=0))
-    across = step * np.abs(direction).max(axis=0)
-    # colour, then optical depth
-    light = np.zeros((len(pixel), 4))
-    slab = np.zeros(len(pixel), np.int64)
-    on = np.flatnonzero(slabs)
-    while len(on):
-        places = start[:, on] + direction[:, on] * (near[on] + (slab[on] + 0.5) * step[on])
-        free = field.free[tuple(field.cells(places))]
-        some = np.flatnonzero(free == 0)
-        _add(light, on[some], field.at(places[:, some]), length)
-        # the next `free` cells are empty; the first of them may end immediately
-        slab[on] += np.maximum(np.ceil((free.astype(np.int64) - 1) / across[on]), 1).astype(np.int64)
-        on = on[(slab[on] < slabs[on]) & (light[on, 3] < OPAQUE)]
-    light[:, 3] = -np.expm1(-light[:, 3])
-    return light
-
-
-def _add(light: np.ndarray, rays: np.ndarray, sums: np.ndarray, length: np.ndarray) -> None:
-    """Adds a slab to the light of rays. sums: the field's, at its middle. Matter in front attenuates its emission."""
-    full = np.flatnonzero(sums[:, 3] > 0)
-    rays, sums = rays[full], sums[full]
-    depth = sums[:, 3] * length[rays]
-    passed = np.exp(-light[rays, 3]) * -np.expm1(-depth) / sums[:, 3]
-    light[rays, :3] += passed[:, None] * sums[:, :3]
-    light[rays, 3] += depth
-
-
-def _clip_to_box(
-    field: KernelField, start: np.ndarray, direction: np.ndarray, view: GridView
-) -> tuple[np.ndarray, np.ndarray]:
-    """Entry and exit of each ray for the kernels' bounding box; orthographic rays extend both ways."""
-    radius = field.kernel.radius
-    low = field.low[:, None] - radius
-    high = field.low[:, None] + np.array(field.cell.shape)[:, None] - 5 + radius
-    first, last = box_ends(start, direction, low, high)
-    first = np.maximum(first, 0.0) if view.perspective else first
-    missed = ~(last > first)
-    return np.where(missed, 0.0, first), np.where(missed, 0.0, last)
-
-
-# rays and points per batch
-RAYS, POINTS = 1 << 14, 1 << 10
-# reach of a point's neighbourhood, in voxels
-REACH = 2
-# steps per voxel through the field of kept values
-STEPS = 4
-# share of a step up to which its crossing belongs to it; 1: it has none
-BEFORE_END = 1 - 1e-12
-
-# value [P] and world gradient [P, 3] at grid positions [3, P]
-Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+def _lattice(splats: Splats, kernel: Kernel, color: np.ndarray) -> Cells:
+    """Extinction · s̄ · colour, and extinction · s̄. InputError for splats off a lattice."""
+    low, high = splats.index_bounds.astype(np.int64)
+    if (count := int((high - low + 1).prod())) > MAX_CELLS:
+        raise expected("splats", f"a box of at most {MAX_CELLS} cells", count, "use a smaller volume")
+    depth = splats.records["optical_depth"].astype(np.float64)
+    cells = Cells(splats.positions, [*(color * depth[:, None]).T, depth], kernel, is_exact=True)
+    if (splats.positions != np.rint(splats.positions)).any() or np.count_nonzero(cells.held) < len(splats):
+        raise expected("splats", "at most one at each point of a lattice", "others", "use an extracted volume")
+    return cells
 
 
 def kernel_field(volume: Volume, shape: Kernel, post: ValueClassifier) -> Field:
     """The kernels' normalised sums of coefficients and gradients of all finite samples; NaN beyond their reach."""
     u = _values(volume, post)
-    c = prefilter(u, shape)
-    terms = _terms(volume, u, c, post, kernel=shape)
-
-    return partial(_kernel_mean, shape, post, partial(_look_up_terms, terms))
+    terms, finite = _terms(volume, u, prefilter(u, shape), post, shape), np.isfinite(u)
+    return _kernel_mean(Cells(np.argwhere(finite)[:, ::-1], [*terms[finite].T], shape, is_exact=True), post)
 
 
-def _kernel_mean(
-    shape: Kernel, post: ValueClassifier, taken: Callable[[np.ndarray], np.ndarray], places: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Value and gradient at places [3, P]; taken: returns 1, coefficient and world gradient [16, P, 5] of cells."""
-    sums = np.zeros((places.shape[1], 5))
-    first = np.floor(places).astype(np.int64)
-    # a plane of 16 of the 64 cells at a time
-    for plane in range(4):
-        cell = first[:, None] + np.array([(plane - 1, j - 1, k - 1) for j, k in np.ndindex(4, 4)]).T[..., None]
-        weight = shape.value(np.linalg.norm(places[:, None] - cell, axis=0))
-        sums += np.einsum("cp,cpn->pn", weight, taken(cell))
-    mean = sums[:, 1:] / np.where(sums[:, :1] > 0, sums[:, :1], 1.0)
-    return np.where(sums[:, 0] > 0, post.value(mean[:, 0]), np.nan), mean[:, 1:] * post.span
+def _kernel_mean(cells: Cells, post: ValueClassifier) -> Field:
+    """The normalised sums of mass, record value and world gradient of cells."""
+
+    def at(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        mass, *sums = cells.sums(places)
+        mean = np.stack(sums, axis=-1) / np.where(mass > 0, mass, 1.0)[:, None]
+        return np.where(mass > 0, post.value(mean[:, 0]), np.nan), mean[:, 1:] * post.span
+
+    return at
 
 
 def trilinear_field(volume: Volume, post: ValueClassifier) -> Field:
     """Trilinear interpolation of samples and of their central differences, as in ray casters."""
     u = _values(volume, post)
-    terms = _terms(volume, u, u, post)[REACH:-REACH, REACH:-REACH, REACH:-REACH]
+    terms = _terms(volume, u, u, post)
 
     def at(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         sums = trilinear(terms, places.T)
@@ -307,8 +317,8 @@ def _values(volume: Volume, post: ValueClassifier) -> np.ndarray:
 def _terms(
     volume: Volume, u: np.ndarray, c: np.ndarray, post: ValueClassifier, kernel: Kernel | None = None
 ) -> np.ndarray:
-    """[D + 4, H + 4, W + 4, 5]: 1, coefficient and world gradient of each sample; 0 beyond, and where not finite.
-    kernel: None: gradients are central differences.
+    """[D, H, W, 5]: 1, coefficient and world gradient of each sample; 0 where not finite. kernel: None: gradients are
+    central differences.
     """
     z, y, x = (index.ravel() for index in np.indices(u.shape))
     world = np.linalg.inv(volume.world_from_index)
@@ -317,40 +327,33 @@ def _terms(
     if kernel and not post.faced:
         gradient = with_slopes(gradient, field_slopes(u, kernel, world).ravel())
     terms = np.column_stack([np.ones(u.size), c.ravel(), gradient])
-    terms = np.where(np.isfinite(u).ravel()[:, None], terms, 0.0).reshape(*u.shape, 5)
-    return np.pad(terms, ((REACH, REACH),) * 3 + ((0, 0),))
-
-
-def _look_up_terms(terms: np.ndarray, cell: np.ndarray) -> np.ndarray:
-    """The terms […, 5] of cells [3, …] (x, y, z)."""
-    x, y, z = (np.clip(index + REACH, 0, size - 1) for index, size in zip(cell, terms.shape[2::-1], strict=True))
-    return np.asarray(terms[z, y, x])
+    return np.where(np.isfinite(u).ravel()[:, None], terms, 0.0).reshape(*u.shape, 5)
 
 
 @dataclass(frozen=True, eq=False)
-class Marched:
-    """A field and its appearance. free uint8 [D, H, W]: distance in voxels to a voxel that opaque points need, at most
-    LEAP. spacing: mean spacing, unit: reference length of opacities, both in world units. span: range of values over
-    which the transfer function varies. classified: integral of the transfer function, to classify a step by all values
-    that it passes, so that no spike is missed; None: by the value in its middle. mip_attenuation: per `unit`. surfaces:
-    values and matter of iso-surfaces; iso_lit: whether they are lit.
+class FieldMatter:
+    """A field and its appearance. spacing: mean spacing, unit: reference length of opacities, both in world units.
+    by_steps: whether a step is classified by all values that it passes, so that no spike is missed; else by the value
+    in its middle. iso_lit: whether iso-surfaces are lit.
     """
 
     field: Field
-    transfer: Transfer
-    free: np.ndarray
+    post: ValueClassifier
     spacing: float
     unit: float
     light_by: Light | None
+    mask: MaskField | None
+    by_steps: bool = False
+    shading: bool = True
+    iso_lit: bool = True
     shines: np.ndarray | None = None
     cues: LightVolume | None = None
-    shading: bool = True
-    mask: MaskField | None = None
-    span: float = 1.0
-    classified: ClassIntegral | None = None
-    mip_attenuation: float = 0.0
-    surfaces: tuple[np.ndarray, np.ndarray] = (np.zeros(0), np.zeros((0, 4)))
-    iso_lit: bool = True
+
+    def draw(self, rays: SlabRays, settings: Settings) -> np.ndarray:
+        """Light [P, 4] of rays in the blend of the settings."""
+        if settings.shows_value:
+            return join(self, rays, settings)
+        return composite(self.slabs, rays, settings.is_sum)
 
     def kept(self, places: np.ndarray) -> np.ndarray:
         """bool [P]: whether the mask keeps grid positions [3, P]."""
@@ -360,60 +363,55 @@ class Marched:
         """[P, 4], [P, 3]: colour and extinction per mean spacing, and gradients, of steps around grid positions [3, P].
         half [3, P]: offset from there to a step's ends.
         """
-        if self.classified is None:
-            value, gradient = self.field(places)
-            opacity, color = self.transfer.classify(value, np.linalg.norm(gradient, axis=1))
-            extinction = self.transfer.extinction(opacity, self.unit)
-            return np.column_stack([color, extinction * self.spacing]), gradient
-        middle, gradient = self.field(places)
-        known, matter, regions = np.isfinite(middle), np.zeros((len(middle), 4)), np.zeros((len(middle), 4))
+        (middle, gradient), transfer = self.field(places), self.post.transfer
         size = np.linalg.norm(gradient, axis=1)
+        if not self.by_steps:
+            opacity, color = transfer.classify(middle, size)
+            return np.column_stack([color, transfer.extinction(opacity, self.unit) * self.spacing]), gradient
+        known = np.isfinite(middle)
         center = np.where(known, middle, 0.0)
-        for end in (places - half, places + half):
-            value, slope = self.field(end)
+
+        def state(at: np.ndarray) -> np.ndarray:
+            value, slope = self.field(at)
             # beyond the field, the value in the middle
-            value = np.where(known & np.isfinite(value), value, center)
-            matter += self.classified.mean(center, value) / 2
-            ends = np.stack([center, size]), np.stack([value, np.linalg.norm(slope, axis=1)])
-            regions += mean_matter(self.transfer.regions, *ends) / 2
-        scale = weight_extinction(matter[:, 3], self.transfer.weight(size)) / np.where(
-            matter[:, 3] > 0, matter[:, 3], 1
-        )
-        matter = (matter * scale[:, None] + regions) * known[:, None]
+            return np.stack([np.where(known & np.isfinite(value), value, center), np.linalg.norm(slope, axis=1)])
+
+        states = state(places - half), np.stack([center, size]), state(places + half)
+        matter = mean_classes(self.post.integral, transfer, states, size) * known[:, None]
         color = matter[:, :3] / np.where(matter[:, 3:] > 0, matter[:, 3:], 1.0)
         return np.column_stack([color, matter[:, 3] * (self.spacing / self.unit)]), gradient
 
-    def light(self, places: np.ndarray, half: np.ndarray, toward: np.ndarray, face: np.ndarray | None) -> np.ndarray:
-        """[P, 4]: shaded colour, and extinction per mean spacing, of steps around grid positions [3, P]. half [3, P]:
-        offset to their ends; toward [P, 3]: rays, world axes. face [P, 3]: normals that replace the field's unless 0.
-        """
-        result = np.empty((places.shape[1], 4))
-        for first in range(0, len(result), POINTS):
-            some = slice(first, first + POINTS)
-            result[some], gradient = self.classes(places[:, some], half[:, some])
-            result[some] *= self.kept(places[:, some])[:, None]
-            if self.light_by is not None:
-                if face is not None:
-                    cut = face[some]
-                    gradient = np.where((cut != 0).any(axis=1, keepdims=True), cut, gradient)
-                factor, highlight = self._shade(places[:, some], gradient * self.shading, toward[some])
-                if self.mask is not None and self.shading:
-                    normal = self.mask.normals(places[:, some])
-                    share = self.mask.face_share(gradient * (self.spacing / self.span), normal, self.span)
-                    on_face = self._shade(places[:, some], normal, toward[some])
-                    factor, highlight = (
-                        a * (1 - share) + b * share for a, b in zip((factor, highlight), on_face, strict=True)
-                    )
-                result[some, :3] = result[some, :3] * factor[:, None] + highlight[:, None]
-        return result
+    def slabs(self, rays: SlabRays, slab: np.ndarray, ray: np.ndarray) -> np.ndarray:
+        """Pieces as of `Slabs`: the matter before, between and behind iso-surfaces, and these."""
+        places, toward = rays.places(slab, ray), rays.rays.toward[ray]
+        half = rays.rays.direction[:, ray] * (rays.thickness[ray] / 2)
+        matter, gradient = self.classes(places, half)
+        color, through = matter[:, :3], matter[:, 3] * self.kept(places) * rays.length[ray]
+        if self.light_by is not None:
+            if rays.rays.face is not None:
+                face = rays.rays.face[ray]
+                is_cut = (slab * rays.thickness[ray] < FACE) & (face != 0).any(axis=1)
+                gradient = np.where(is_cut[:, None], face, gradient)
+            factor, highlight = self._shade(places, gradient * self.shading, toward)
+            if self.mask is not None and self.shading:
+                normal = self.mask.normals(places)
+                share = self.mask.face_share(gradient * (self.spacing / self.post.span), normal, self.post.span)
+                factor, highlight = mix_light((factor, highlight), self._shade(places, normal, toward), share)
+            color = color * factor[:, None] + highlight[:, None]
+        pieces, before = [], np.zeros(len(ray))
+        for share, surface in self._surfaces(places, half, toward):
+            pieces += [np.column_stack([color, through * (share - before)]), surface]
+            before = share
+        return np.stack([*pieces, np.column_stack([color, through * (1 - before)])])
 
-    def crossed(
+    def _surfaces(
         self, places: np.ndarray, half: np.ndarray, toward: np.ndarray
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Yields the shares [P] of steps around grid positions [3, P] before an iso-surface, ascending and 1 if there
-        is none, and the light [P, 4] of the surface: emission and optical depth. half, toward: as of `light`.
+        is none, and colour and optical depth [P, 4] of the surface. half [3, P]: offset to a step's ends; toward
+        [P, 3]: rays, world axes.
         """
-        values, matter = self.surfaces
+        values, matter = surface_levels(self.post.transfer, self.post.span), self.post.surfaces[1]
         ends = [self.field(places + side * half)[0] for side in ((-1.0, 1.0) if len(values) else ())]
         share = np.ones((len(values), places.shape[1]))
         for number, value in enumerate(values):
@@ -423,55 +421,21 @@ class Marched:
             share[number] = np.where(is_crossed, np.clip((value - ends[0]) / rise, 0.0, BEFORE_END), 1.0)
         for number in np.argsort(share, axis=0):
             part = np.take_along_axis(share, number[None], axis=0)[0]
-            light, some = np.zeros((len(part), 4)), np.flatnonzero(part < 1)
+            surface, some = np.zeros((len(part), 4)), np.flatnonzero(part < 1)
             at = places[:, some] + half[:, some] * (2 * part[some] - 1)
-            light[some] = matter[number[some]] * self.kept(at)[:, None]
+            light = matter[number[some]]
+            color = light[:, :3] / np.where(light[:, 3:] > 0, light[:, 3:], 1.0)
             if self.light_by is not None:
                 factor, highlight = self._shade(at, self.field(at)[1] * self.iso_lit, toward[some])
-                light[some, :3] = light[some, :3] * factor[:, None] + light[some, 3:] * highlight[:, None]
-            yield part, light
+                color = color * factor[:, None] + highlight[:, None]
+            surface[some] = np.column_stack([color, light[:, 3] * self.kept(at)])
+            yield part, surface
 
     def _shade(self, places: np.ndarray, normal: np.ndarray, toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Factors of colours [P] and highlights [P] of surfaces with normals [P, 3]."""
         assert self.light_by is not None
         reached = self.cues.light_shares(places.T, normal, toward) if self.cues else None
         return surface_light(normal, toward, self.light_by, self.shines, reached)
-
-
-# the picture of rays of a field, by so many steps a voxel
-March = Callable[[Marched, Rays, int], np.ndarray]
-
-
-@dataclass(frozen=True, eq=False)
-class PixelRays:
-    """samples × samples rays in each pixel of a picture, clipped to the box of `shape` voxels. camera: with one pixel
-    for each ray.
-    """
-
-    view: GridView
-    camera: Camera
-    samples: int
-    shape: tuple[int, int, int]
-    clip: Clip | None = None
-
-    @classmethod
-    def of(
-        cls, grid: Grid, camera: Camera, samples: int, shape: tuple[int, int, int], clip: Clip | None = None
-    ) -> PixelRays:
-        """The rays of a camera's picture, without further antialiasing."""
-        fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
-        return cls(GridView.of(grid, fine, kernel_named("b-spline"), antialias=False), fine, samples, shape, clip)
-
-    def means(self, marched: Marched, pixels: np.ndarray, steps: int, settings: Settings) -> np.ndarray:
-        """float64 [P, 4]: means over pixels [P], numbered row by row from the top."""
-        rays = samples_of(pixels, self.camera.size[0] // self.samples, self.samples)
-        one, several = partial(_one_value, settings.join), partial(_march, settings.is_sum)
-        march: March = one if settings.shows_value else several
-        march = _attenuated_maximum if settings.join == "attenuated" else march
-        groups = np.split(rays, range(RAYS, len(rays), RAYS))
-        cut = [Rays.of(self.view, self.camera, self.shape, group, self.clip) for group in groups]
-        drawn = [march(marched, rays, steps) for rays in cut]
-        return np.asarray(np.concatenate(drawn).reshape(len(pixels), -1, 4).mean(axis=1))
 
 
 def field_integral(
@@ -491,38 +455,28 @@ def field_integral(
     settings, of which only it and mip_attenuation count. Raises InputError for numbers below 1 and unknown blends.
     """
     started = time.perf_counter()
-    check_counts(steps_per_voxel, samples)
+    _check_counts(steps_per_voxel, samples)
     look = blend if isinstance(blend, Settings) else Settings(blend=cast(Blend, blend))
     name = field if isinstance(field, str) else "formula"
     shape = kernel_named("b-spline" if name in ("trilinear", "formula") else name)
     post = ValueClassifier.of(transfer, shape.name, volume.shape[::-1])
+    near = np.ones(volume.shape, bool)
     if isinstance(field, str):
         field = trilinear_field(volume, post) if name == "trilinear" else kernel_field(volume, shape, post)
-    grid = Grid.of(volume)
-    free = np.zeros(volume.shape, np.uint8)
-    if name != "formula":
-        free = distances(dilate(select_needed(_values(volume, post), 2, post.wanted)[0]))
-    shading = transfer.shading and look.hides
-    gaps = np.argwhere(~np.isfinite(np.asarray(volume.samples)))[:, ::-1]
-    marched = Marched(
-        field,
-        transfer,
-        free,
-        grid.mean_spacing,
-        transfer.length(volume),
-        LIGHTS["head"] if shading else None,
-        mask=MaskField.with_gaps(volume, gaps),
-        span=post.span,
-        mip_attenuation=look.mip_attenuation,
-        surfaces=(surface_levels(transfer, post.span), transfer.surface_matter()),
-    )
+        near = dilate(select_needed(_values(volume, post), 2, post.wanted)[0])
+    grid, lit = Grid.of(volume), LIGHTS["head"] if transfer.shading and look.hides else None
+    mask = MaskField.with_gaps(volume, np.argwhere(~np.isfinite(np.asarray(volume.samples)))[:, ::-1])
+    matter = FieldMatter(field, post, grid.mean_spacing, transfer.length(volume), lit, mask)
+
+    def draw(rays: Rays) -> np.ndarray:
+        return matter.draw(SlabRays.of(rays, NearCells(near, np.zeros(3, np.int64)), steps_per_voxel), look)
+
     width, height = camera.size
-    rays = PixelRays.of(grid, camera, samples, post.shape)
-    drawn = rays.means(marched, np.arange(width * height), steps_per_voxel, look)
-    picture = drawn.reshape(height, width, 4)
+    drawn = pixel_means(draw, grid, Bounds.of_voxels(post.shape), camera, np.arange(width * height), samples)
     seconds = round(time.perf_counter() - started, 6)
     info = {"scene": volume.name, "field": name, "steps_per_voxel": steps_per_voxel, "samples": samples}
-    return Image(picture, {**info, "blend": look.blend, "renderer": "float64 field integral", "seconds": seconds})
+    metadata = {**info, "blend": look.blend, "renderer": "float64 field integral", "seconds": seconds}
+    return Image(drawn.reshape(height, width, 4), metadata)
 
 
 def kept_field_integral(
@@ -532,116 +486,30 @@ def kept_field_integral(
 
     Blend, shading and background are the settings'.
     """
-    settings = settings or Settings()
-    post, records = splats.post, splats.records
+    settings, post, records = settings or Settings(), splats.post, splats.records
     assert post is not None
-    x, y, z = np.rint(records["position"]).astype(np.int64).T
-    occupied = np.zeros(post.shape[::-1], bool)
-    occupied[z, y, x] = True
-    # the entry after the last stands for dropped voxels
-    entry = np.full(tuple(size + 2 * REACH for size in occupied.shape), len(records), np.int32)
-    entry[z + REACH, y + REACH, x + REACH] = np.arange(len(records), dtype=np.int32)
-    terms = np.column_stack([np.ones(len(records)), records["value"], records["gradient"] / splats.grid.mean_spacing])
-    terms = np.concatenate([terms, np.zeros((1, 5))])
-    field = partial(_kernel_mean, kernel_named(post.kernel), post, lambda cell: terms[_look_up_terms(entry, cell)])
-    free = distances(dilate(occupied))
+    spacing = splats.grid.mean_spacing
+    terms = [1.0, records["value"], *records["gradient"].T / spacing]
+    cells = Cells(records["position"], terms, kernel_named(post.kernel), is_exact=True)
+    near = NearCells(dilate(cells.held), cells.low)
     resolved = Resolved.of(clip_behind_eye(splats, camera), camera, settings)
     look, cues = resolved.look, resolved.cues
-    marched = Marched(
-        field,
-        post.transfer,
-        free,
-        splats.grid.mean_spacing,
+    matter = FieldMatter(
+        _kernel_mean(cells, post),
+        post,
+        spacing,
         splats.unit,
         look.light if look.shading or look.iso == "lit" or cues else None,
-        look.light.within(camera),
-        cues,
-        look.shading,
         resolved.mask,
-        post.span,
-        post.integral,
-        settings.mip_attenuation,
-        (surface_levels(post.transfer, post.span), post.surfaces[1]),
+        by_steps=True,
+        shading=look.shading,
         iso_lit=look.iso == "lit",
+        shines=look.light.within(camera),
+        cues=cues,
     )
-    rays = PixelRays.of(splats.grid, camera, samples, post.shape, resolved.clip)
-    drawn = rays.means(marched, pixels, STEPS, settings)
-    return over_background(drawn, resolved)
 
+    def draw(rays: Rays) -> np.ndarray:
+        return matter.draw(SlabRays.of(rays, near, STEPS), settings)
 
-def _steps(rays: Rays, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """The number of slabs of each ray, and their thickness in index space."""
-    slabs = np.ceil((rays.far - rays.near) * steps).astype(np.int64)
-    return slabs, (rays.far - rays.near) / np.maximum(slabs, 1)
-
-
-def _all_slabs(slabs: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-    """Yields the number of a slab and at most POINTS rays that have it, slab by slab."""
-    for slab in range(slabs.max(initial=0)):
-        on = np.flatnonzero(slab < slabs)
-        yield from ((slab, some) for some in np.split(on, range(POINTS, len(on), POINTS)))
-
-
-def _one_value(join: str, marched: Marched, rays: Rays, steps: int) -> np.ndarray:
-    """float64 [P, 4]: the classified maxima, minima or means of rays; 0 for rays without a finite value."""
-    slabs, step = _steps(rays, steps)
-    light = np.zeros((len(slabs), 4))
-    for slab, some in _all_slabs(slabs):
-        places = rays.start[:, some] + rays.direction[:, some] * (rays.near[some] + (slab + 0.5) * step[some])
-        value, _ = marched.field(places)
-        length = np.where(np.isfinite(value) & marched.kept(places), step[some], 0.0)
-        light[some] = join_values(light[some], np.nan_to_num(value), length, join)
-    return classify_values(marched.transfer, joined_value(light, join))
-
-
-def _attenuated_maximum(marched: Marched, rays: Rays, steps: int) -> np.ndarray:
-    """float64 [P, 4]: the classified attenuated maxima of rays; 0 for rays without a finite value."""
-    slabs, step = _steps(rays, steps)
-    light = np.zeros((len(slabs), 4))
-    low, high = marched.transfer.color_range
-    width = high - low or marched.span
-    depth = marched.mip_attenuation * marched.spacing / marched.unit * step * rays.stretch
-    for slab, some in _all_slabs(slabs):
-        ends = rays.near[some] + (slab + np.array([[0.0], [0.5], [1.0]])) * step[some]
-        places = rays.start[:, None, some] + rays.direction[:, None, some] * ends
-        values = marched.field(places.reshape(3, -1))[0].reshape(3, -1)
-        length = np.where(np.isfinite(values[1]) & marched.kept(places[:, 1]), step[some], 0.0)
-        # beyond the field, the value in the middle
-        shares = (np.nan_to_num(np.where(np.isfinite(values), values, values[1])) - low) / width
-        light[some] = join_attenuated(light[some], np.clip(shares, 0.0, 1.0), length, depth[some])
-    return classify_values(marched.transfer, low + width * joined_value(light, "attenuated"))
-
-
-def _march(sums: bool, marched: Marched, rays: Rays, steps: int) -> np.ndarray:
-    """float64 [P, 4]: the integrals along rays; sums: plain sums of extinction and of extinction times colour."""
-    slabs, step = _steps(rays, steps)
-    length = step * rays.stretch
-    light, depth = np.zeros((len(slabs), 3)), np.zeros(len(slabs))
-    slab, on = np.zeros(len(slabs), np.int64), np.flatnonzero(slabs)
-    last = np.array(marched.free.shape[::-1])[:, None] - 1
-    while len(on):
-        places = rays.start[:, on] + rays.direction[:, on] * (rays.near[on] + (slab[on] + 0.5) * step[on])
-        x, y, z = np.clip(np.rint(places), 0, last).astype(np.int64)
-        free = marched.free[z, y, x]
-        some = np.flatnonzero(free == 0)
-        face = rays.face
-        if face is not None:
-            near = np.asarray((slab[on[some]] + 0.5) * step[on[some]] < FACE)
-            face = np.where(near[:, None], face[on[some]], 0.0)
-        half = rays.direction[:, on[some]] * (step[on[some]] / 2)
-        matter = marched.light(places[:, some], half, rays.toward[on[some]], face)
-        through, before = matter[:, 3] * length[on[some]], np.zeros(len(some))
-
-        def add(color: np.ndarray, through: np.ndarray, some: np.ndarray) -> None:
-            passed = through if sums else np.exp(-depth[some]) * -np.expm1(-through)
-            light[some] += passed[:, None] * color
-            depth[some] += through
-
-        for share, surface in marched.crossed(places[:, some], half, rays.toward[on[some]]):
-            add(matter[:, :3], through * (share - before), on[some])
-            add(surface[:, :3] / np.where(surface[:, 3:] > 0, surface[:, 3:], 1.0), surface[:, 3], on[some])
-            before = share
-        add(matter[:, :3], through * (1 - before), on[some])
-        slab[on] += np.maximum(np.ceil((free.astype(np.int64) - 1) / step[on]), 1).astype(np.int64)
-        on = on[(slab[on] < slabs[on]) & (sums | (depth[on] < OPAQUE))]
-    return np.column_stack([light, depth if sums else -np.expm1(-depth)])
+    bounds = Bounds.of_voxels(post.shape, resolved.clip)
+    return over_background(pixel_means(draw, splats.grid, bounds, camera, pixels, samples), resolved)

@@ -16,7 +16,7 @@ import numpy as np
 from splatgl.data.mesh import Mesh
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
-from splatgl.geometry.clipping import FLUSH, GRAZING, Clip
+from splatgl.geometry.clipping import Clip
 from splatgl.geometry.grid import ranges
 from splatgl.geometry.mask_field import MaskField, clip_to_mask
 from splatgl.geometry.view import GridView
@@ -24,7 +24,7 @@ from splatgl.planning.culling import clip_behind_eye
 from splatgl.planning.resolve import draws_boxes, kernel_name, select_splats
 from splatgl.planning.scene import Scene
 from splatgl.reference.layers import crossings
-from splatgl.reference.rays import Pixels, box_ends, index_rays, pixel_slopes
+from splatgl.reference.rays import Bounds, Pixels, index_rays, pixel_slopes
 from splatgl.reference.sheets import mean_classes
 from splatgl.splat.kernels import BOX, Kernel
 from splatgl.splat.kernels import kernel as kernel_named
@@ -55,8 +55,9 @@ class Cells:
         self, positions: np.ndarray, terms: Sequence[np.ndarray | float], kernel: Kernel | None, is_exact: bool = False
     ) -> None:
         cells = np.rint(positions).astype(np.int64)
-        self.low = cells.min(axis=0) - PAD
-        self.shape = tuple((cells.max(axis=0) + PAD + 1 - self.low)[::-1].tolist())
+        ends = cells if len(cells) else np.zeros((1, 3), np.int64)
+        self.low = ends.min(axis=0) - PAD
+        self.shape = tuple((ends.max(axis=0) + PAD + 1 - self.low)[::-1].tolist())
         self.kernel, self.real, self.scale = kernel, np.float64 if is_exact else np.float32, 1.0
         x, y, z = (cells - self.low).T
         self.index = np.full(self.shape, len(cells), np.int32) if is_exact else None
@@ -395,18 +396,13 @@ def _ray_ends(
     """
     view = GridView.of(splats.grid, camera, kernel, antialias=False)
     start, direction, _ = index_rays(view, pixel_slopes(pixels, camera, view.pitch))
-    flush = np.where(np.abs(direction) < GRAZING * np.linalg.norm(direction, axis=0), FLUSH, 0.0)
     reach = 0.5 if kernel is BOX else kernel.radius
     low, high = splats.index_bounds + np.array([[-reach], [reach]])
     if splats.post is not None:
         low, high = np.maximum(low, -0.5), np.minimum(high, np.array(splats.post.shape) - 0.5)
-    near, far = box_ends(start, direction, low[:, None] - flush, high[:, None] + flush)
-    near = np.maximum(near, 0.0)
-    if clip is not None:
-        enters, leaves, _ = clip.along(start, direction)
-        near, far = np.maximum(near, enters), np.minimum(far, leaves)
-    hit, spacing = far > near, splats.grid.mean_spacing
-    return start, direction / spacing, np.where(hit, near, 0.0) * spacing, np.where(hit, far, 0.0) * spacing
+    near, far, _ = Bounds(low, high, clip).ends(start, direction)
+    spacing = splats.grid.mean_spacing
+    return start, direction / spacing, near * spacing, far * spacing
 
 
 def _beside(splats: Splats, ends: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
@@ -617,10 +613,26 @@ class SurfaceRays:
         return np.where(ahead < self.step[rays], 0.0, ahead - self.step[rays] / 2)
 
 
+class WalkedRays(Protocol):
+    """Rays [P] through something."""
+
+    @property
+    def step(self) -> np.ndarray:
+        """[P]: largest depth between two points."""
+
+    def stops(self, begin: np.ndarray, end: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """Depths [n, N] between begin and end [N] that are points of rays [N], too."""
+
+    def free(self, depth: np.ndarray, rays: np.ndarray, best: Best | None) -> np.ndarray:
+        """Depth [N] to pass until something may be visible from depths [N] of rays [N] on: infinite behind all."""
+
+
 Along = Sequence[LayerRays | SurfaceRays]
 
 
-def walk(parts: Along, visit: Callable[[np.ndarray, np.ndarray], np.ndarray], best: Best | None = None) -> None:
+def walk(
+    parts: Sequence[WalkedRays], visit: Callable[[np.ndarray, np.ndarray], np.ndarray], best: Best | None = None
+) -> None:
     """Follows rays through layers and meshes. visit: takes numbers of rays [N] and ascending depths [K + 1, N], between
     which matter may be visible, and returns which of the rays go on. best: as of `LayerRays.free`.
     """
@@ -634,7 +646,9 @@ def walk(parts: Along, visit: Callable[[np.ndarray, np.ndarray], np.ndarray], be
         ready, rays = rays[free == 0], rays[(free > 0) & np.isfinite(free)]
         if not len(ready):
             continue
-        ahead = np.max([part.far[ready] for part in parts if isinstance(part, LayerRays)] or [depth[ready]], axis=0)
+        ahead = np.max(
+            [part.far[ready] for part in parts if not isinstance(part, SurfaceRays)] or [depth[ready]], axis=0
+        )
         left = int(((ahead - depth[ready]) / step[ready]).max()) + 1
         count = int(np.clip(min(TOGETHER // len(ready), left), LEAST, None))
         ends = depth[ready] + step[ready] * np.arange(count + 1)[:, None]

@@ -507,6 +507,38 @@ def box_ends(
 
 
 @dataclass(frozen=True, eq=False)
+class Bounds:
+    """Where rays are followed: in a box of grid positions from low to high [3], within a clip's planes, and from depth
+    `first` on.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    clip: Clip | None = None
+    first: float = 0.0
+
+    @classmethod
+    def of_voxels(cls, shape: tuple[int, int, int], clip: Clip | None = None) -> Self:
+        """The cells of `shape` voxels along x, y, z."""
+        return cls(np.full(3, -0.5), np.array(shape) - 0.5, clip)
+
+    def ends(self, start: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Depths near, far [P] between which rays [3, P] are inside, equal if nowhere; and the normals [P, 3], world
+        axes, of the planes that clip their starts, else 0; None without planes.
+        """
+        flush = np.where(np.abs(direction) < GRAZING * np.linalg.norm(direction, axis=0), FLUSH, 0.0)
+        near, far = box_ends(start, direction, self.low[:, None] - flush, self.high[:, None] + flush)
+        # parallel rays begin at the eye's plane, too
+        near, face = np.maximum(near, self.first), None
+        if self.clip is not None:
+            enters, leaves, plane = self.clip.along(start, direction)
+            face = np.where((enters > near + FLUSH)[:, None], self.clip.normal[plane], 0.0)
+            near, far = np.maximum(near, enters), np.minimum(far, leaves)
+        hit = far > near
+        return np.where(hit, near, 0.0), np.where(hit, far, 0.0), face
+
+
+@dataclass(frozen=True, eq=False)
 class Rays:
     """Rays of pixels [P]. start, direction [3, P]: grid indices; unit vectors of index space.
 
@@ -531,25 +563,12 @@ class Rays:
         return replace(self, near=begin, far=np.maximum(begin, end))
 
     @classmethod
-    def of(
-        cls, view: GridView, camera: Camera, shape: tuple[int, int, int], pixel: np.ndarray, clip: Clip | None = None
-    ) -> Rays:
-        """Rays of `camera`'s pixels in the box of the cells of `shape` voxels along x, y, z, clipped by `clip`."""
+    def of(cls, view: GridView, camera: Camera, bounds: Bounds, pixel: np.ndarray) -> Rays:
+        """Rays of `camera`'s pixels within bounds."""
         start, direction, along = index_rays(view, pixel_slopes(pixel, camera, view.pitch))
         speed = np.linalg.norm(direction, axis=0)
         direction = direction / speed
-        flush = np.where(np.abs(direction) < GRAZING, FLUSH, 0.0)
-        near, far = box_ends(start, direction, -0.5 - flush, np.array(shape)[:, None] - 0.5 + flush)
-        # parallel rays begin at the eye's plane, too
-        near = np.maximum(near, 0.0)
+        near, far, face = bounds.ends(start, direction)
         toward = (camera.eye_from_world.T @ along).T
         toward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
-        face = None
-        if clip is not None:
-            enters, leaves, plane = clip.along(start, direction)
-            face = np.where((enters > near + FLUSH)[:, None], clip.normal[plane], 0.0)
-            near, far = np.maximum(near, enters), np.minimum(far, leaves)
-        hit = far > near
-        stretch = np.linalg.norm(along, axis=0) / speed
-        near, far = np.where(hit, near, 0.0), np.where(hit, far, 0.0)
-        return cls(start, direction, near, far, stretch, toward, face, near)
+        return cls(start, direction, near, far, np.linalg.norm(along, axis=0) / speed, toward, face, near)

@@ -19,7 +19,7 @@ from splatgl.geometry.view import GridView
 from splatgl.planning.ambient_occlusion import LightVolume
 from splatgl.planning.resolve import Appearance, Resolved
 from splatgl.reference.blend import classify_values, join_attenuated, join_values, joined_value
-from splatgl.reference.rays import Boxes, Pixels, Rays, Row, Values, pair_values, pixel_boxes
+from splatgl.reference.rays import Bounds, Boxes, Pixels, Rays, Row, Values, pair_values, pixel_boxes
 from splatgl.splat.kernels import Kernel, tabulate
 from splatgl.splat.lighting import apply_light, surface_light
 from splatgl.splat.sheets import (
@@ -267,10 +267,10 @@ class SheetField:
         if self.mask is not None:
             face = self.mask.normals(self._points(part.middle, part.pixel, rays))
             share = self.mask.face_share(part.gradient, face, self.post.span)
-            light = _mix_light(light, self._surface(part, face, rays), share)
+            light = mix_light(light, self._surface(part, face, rays), share)
         if rays.face is not None:
             face = rays.face[part.pixel]
-            light = _mix_light(light, self._surface(part, face, rays), part.faced * face.any(axis=1))
+            light = mix_light(light, self._surface(part, face, rays), part.faced * face.any(axis=1))
         return light
 
     def _surface(self, part: Part, normal: np.ndarray, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
@@ -369,7 +369,7 @@ def bulge(number: np.ndarray, sheets: Sheets) -> np.ndarray:
 Lit = tuple[np.ndarray, np.ndarray]
 
 
-def _mix_light(first: Lit, other: Lit, share: np.ndarray) -> Lit:
+def mix_light(first: Lit, other: Lit, share: np.ndarray) -> Lit:
     """Mixes factors and highlights: `share` of the second."""
     factor, highlight = (a * (1 - share) + b * share for a, b in zip(first, other, strict=True))
     return factor, highlight
@@ -513,7 +513,8 @@ class SheetScene:
     def _rays(self, wanted: Pixels, near: np.ndarray | None, far: np.ndarray | None) -> Rays:
         """Rays of wanted pixels, clipped to distances if given; endless for splats classified before."""
         shape = (1, 1, 1) if self.field is None else self.field.post.shape
-        rays = Rays.of(self.view, self.camera, shape, wanted.index, self.resolved.clip)
+        bounds = Bounds.of_voxels(shape, self.resolved.clip)
+        rays = Rays.of(self.view, self.camera, bounds, wanted.index)
         if self.field is None:
             rays = replace(rays, near=np.zeros_like(rays.near), far=np.full_like(rays.far, np.inf))
         return rays if near is None or far is None else rays.between(near / self.spacing, far / self.spacing)

@@ -16,7 +16,7 @@ from splatgl.gl.sheet_tiles import sheet_uniforms
 from splatgl.gl.textures import CLASS_UNIT, class_uniforms
 from splatgl.planning.plan import Plan
 from splatgl.reference import blend as blends
-from splatgl.reference.rays import Rays
+from splatgl.reference.rays import Bounds, Rays
 from splatgl.reference.sheets import (
     Part,
     SheetField,
@@ -229,7 +229,7 @@ def test_rays_in_sheets(cut: bool, grid: str, view: str, twin: Twin) -> None:
             for part, some in parts.items()
         ]
     )
-    rays = Rays.of(plan.view, camera, post.shape, pixel, plan.resolved.clip)
+    rays = Rays.of(plan.view, camera, Bounds.of_voxels(post.shape, plan.resolved.clip), pixel)
     right = set_ray(rays, splats, plan, state["first_sheet"])
     hit = rays.far > rays.near
     assert hit.sum() > 40 and (found[1] - found[0])[~hit].max(initial=0) < 1e-4
