@@ -9,10 +9,8 @@ those that extraction keeps. Its difference from a picture by sheets is the erro
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -29,8 +27,8 @@ from splatgl.planning.ambient_occlusion import LightVolume
 from splatgl.planning.culling import clip_behind_eye
 from splatgl.planning.resolve import Resolved, kernel_name, select_splats
 from splatgl.reference.blend import classify_values, join_attenuated, join_values, joined_value, over_background
-from splatgl.reference.march import Best, Blocks, Cells, block_extremes, walk
-from splatgl.reference.rays import Bounds, Rays
+from splatgl.reference.march import Best, Cells, NearCells, SlabRays, walk
+from splatgl.reference.rays import Bounds, Rays, pixel_slopes
 from splatgl.reference.sheets import mean_classes, mix_light
 from splatgl.splat.extract_values import field_slopes, gradients, select_needed, with_slopes
 from splatgl.splat.kernels import Kernel
@@ -59,73 +57,6 @@ BEFORE_END = 1 - 1e-12
 Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-@dataclass(frozen=True, eq=False)
-class NearCells:
-    """Where matter may be: bool `near` [Z, Y, X] of the cells from `low` (x, y, z) on."""
-
-    near: np.ndarray
-    low: np.ndarray
-
-    def at(self, places: np.ndarray) -> np.ndarray:
-        """Cells of `near` [...] around grid positions [3, ...]."""
-        axes = zip(places, self.low.tolist(), self.near.shape[::-1], strict=True)
-        x, y, z = (np.clip(np.rint(i).astype(np.int64) - a, 0, n - 1) for i, a, n in axes)
-        return np.asarray(self.near[z, y, x])
-
-    @cached_property
-    def blocks(self) -> Blocks:
-        """Blocks of these cells."""
-        is_near = block_extremes(np.maximum, self.near) > 0
-        return Blocks(self.low, self.near.shape, is_near, is_near, is_near)
-
-
-@dataclass(frozen=True, eq=False)
-class SlabRays:
-    """Rays of a picture, along which depth counts slabs. far [P]: their numbers; thickness [P]: theirs, index units."""
-
-    rays: Rays
-    cells: NearCells
-    far: np.ndarray
-    thickness: np.ndarray
-
-    @classmethod
-    def of(cls, rays: Rays, cells: NearCells, steps_per_voxel: int) -> SlabRays:
-        """Rays in slabs of at most 1/steps_per_voxel of a grid step, of equal thickness along a ray."""
-        far = np.ceil((rays.far - rays.near) * steps_per_voxel)
-        return cls(rays, cells, far, (rays.far - rays.near) / np.maximum(far, 1))
-
-    @property
-    def step(self) -> np.ndarray:
-        """[P]: a slab."""
-        return np.ones(len(self.far))
-
-    @property
-    def length(self) -> np.ndarray:
-        """[P]: lengths of slabs, mean spacings."""
-        return self.thickness * self.rays.stretch
-
-    def places(self, depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
-        """Grid positions [3, …, N] at depths […, N] of rays [N]."""
-        axis = (slice(None), *[None] * (depth.ndim - 1))
-        along = self.rays.near[rays] + depth * self.thickness[rays]
-        return np.asarray(self.rays.start[:, rays][axis] + self.rays.direction[:, rays][axis] * along)
-
-    def stops(self, begin: np.ndarray, end: np.ndarray, rays: np.ndarray) -> np.ndarray:
-        """Depths [0, N]: slabs are not divided."""
-        return np.zeros((0, len(rays)))
-
-    def free(self, depth: np.ndarray, rays: np.ndarray, best: Best | None) -> np.ndarray:
-        """Slabs [N] to pass until something may be visible from depths [N] of rays [N] on: infinite behind the last.
-        best: values are wanted: none is passed.
-        """
-        free = np.zeros(len(rays))
-        if best is None:
-            along = self.rays.direction[:, rays] * self.thickness[rays]
-            # slabs whose middles are passed
-            free = np.floor(self.cells.blocks.free(self.places(depth, rays), along, self.step[rays]) + 0.5)
-        return np.where(depth >= self.far[rays], np.inf, free)
-
-
 # colour and optical depth [S, P, 4] of the pieces, front to back, of slabs [P] of rays [P] with middles at depths [P]
 Slabs = Callable[[SlabRays, np.ndarray, np.ndarray], np.ndarray]
 
@@ -140,9 +71,9 @@ def composite(matter: Slabs, rays: SlabRays, is_sum: bool) -> np.ndarray:
         if not len(ray):
             return np.ones(len(some), bool)
         parts = matter(rays, middle[slab, ray], some[ray])
-        pieces = np.zeros((len(middle), len(parts), len(some), 4))
-        pieces[slab, :, ray] = parts.swapaxes(0, 1)
-        pieces = pieces.reshape(-1, len(some), 4)
+        of_slabs = np.zeros((len(middle), len(parts), len(some), 4))
+        of_slabs[slab, :, ray] = parts.swapaxes(0, 1)
+        pieces = of_slabs.reshape(-1, len(some), 4)
         # optical depths before each piece, and after the last
         depth = np.cumsum(np.concatenate([light[None, some, 3], pieces[..., 3]]), axis=0)
         share = pieces[..., 3] if is_sum else np.exp(-depth[:-1]) * -np.expm1(-pieces[..., 3])
@@ -199,7 +130,7 @@ def pixel_means(
     row, column = np.divmod(np.arange(samples**2), samples)
     number = ((y[:, None] * samples + row) * (width * samples) + x[:, None] * samples + column).ravel()
     groups = np.split(number, range(RAYS, len(number), RAYS))
-    drawn = [draw(Rays.of(view, fine, bounds, group)) for group in groups]
+    drawn = [draw(Rays.of(view, fine, bounds, pixel_slopes(group, fine, view.pitch))) for group in groups]
     return np.asarray(np.concatenate(drawn).reshape(len(pixels), -1, 4).mean(axis=1))
 
 
@@ -213,16 +144,9 @@ def ray_integral(
     costs 1 to 5 µs, empty or occluded ones almost nothing. Raises InputError for other blend modes and splats off
     their lattice.
     """
-    started = time.perf_counter()
-    settings = (settings or Settings()).but(**BEFORE)
-    splats = select_splats(splats, settings, moving=False)
-    pixels = np.arange(camera.size[0] * camera.size[1])
-    drawn = ray_integral_at(splats, camera, pixels, settings, steps_per_voxel, samples)
-    seconds = round(time.perf_counter() - started, 6)
-    name = kernel_name(splats, settings)
-    info = {"scene": splats.name, "kernel": name, "steps_per_voxel": steps_per_voxel, "samples": samples}
-    metadata = {**info, "blend": "composite", "renderer": "float64 ray integral", "seconds": seconds}
-    return Image(drawn.reshape(camera.size[1], camera.size[0], 4), metadata)
+    width, height = camera.size
+    drawn = ray_integral_at(splats, camera, np.arange(width * height), settings, steps_per_voxel, samples)
+    return Image(drawn.reshape(height, width, 4), {"blend": "composite", "renderer": "float64 ray integral"})
 
 
 def ray_integral_at(
@@ -454,7 +378,6 @@ def field_integral(
     pixel. Rays are clipped to the volume's box. Composites are shaded as the transfer function says. blend: a name, or
     settings, of which only it and mip_attenuation count. Raises InputError for numbers below 1 and unknown blends.
     """
-    started = time.perf_counter()
     _check_counts(steps_per_voxel, samples)
     look = blend if isinstance(blend, Settings) else Settings(blend=cast(Blend, blend))
     name = field if isinstance(field, str) else "formula"
@@ -473,10 +396,7 @@ def field_integral(
 
     width, height = camera.size
     drawn = pixel_means(draw, grid, Bounds.of_voxels(post.shape), camera, np.arange(width * height), samples)
-    seconds = round(time.perf_counter() - started, 6)
-    info = {"scene": volume.name, "field": name, "steps_per_voxel": steps_per_voxel, "samples": samples}
-    metadata = {**info, "blend": look.blend, "renderer": "float64 field integral", "seconds": seconds}
-    return Image(drawn.reshape(height, width, 4), metadata)
+    return Image(drawn.reshape(height, width, 4), {"blend": look.blend, "renderer": "float64 field integral"})
 
 
 def kept_field_integral(

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from splatgl.planning.culling import clip_behind_eye
 from splatgl.planning.resolve import draws_boxes, kernel_name, select_splats
 from splatgl.planning.scene import Scene
 from splatgl.reference.layers import crossings
-from splatgl.reference.rays import Bounds, Pixels, index_rays, pixel_slopes
+from splatgl.reference.rays import Bounds, Pixels, Rays, index_rays, pixel_slopes
 from splatgl.reference.sheets import mean_classes
 from splatgl.splat.kernels import BOX, Kernel
 from splatgl.splat.kernels import kernel as kernel_named
@@ -69,7 +69,9 @@ class Cells:
         for array, term in zip(self.terms, terms, strict=True):
             array[z, y, x] = term
         if kernel is not None:
-            self.table, self.scale = kernel_table(kernel), ENTRIES / FURTHEST
+            self.scale = ENTRIES / FURTHEST
+            middles = (np.arange(ENTRIES) + 0.5) * (FURTHEST / ENTRIES)
+            self.table = np.asarray(kernel.value(np.sqrt(middles)), np.float32)
 
     @property
     def held(self) -> np.ndarray:
@@ -112,12 +114,6 @@ class Cells:
             for total, term in zip(totals, flat, strict=True):
                 total += np.einsum("cp,cp->p", weight, term.take(entry, mode="clip"))
         return totals
-
-
-def kernel_table(kernel: Kernel) -> np.ndarray:
-    """float32 [ENTRIES]: a kernel at equidistant squared distances from 0 to FURTHEST."""
-    middles = (np.arange(ENTRIES) + 0.5) * (FURTHEST / ENTRIES)
-    return np.asarray(kernel.value(np.sqrt(middles)), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,26 +172,6 @@ def block_extremes(extreme: np.ufunc, array: np.ndarray) -> np.ndarray:
     return np.asarray(array, np.float64)
 
 
-class Matter(Protocol):
-    """The matter of a layer, by its state at points: [n, P], the value first; NaN where there is none."""
-
-    def at(self, places: np.ndarray) -> np.ndarray:
-        """States [n, P] at grid positions [3, P]."""
-        ...
-
-    def between(self, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean extinctions [P] per world length, and optical depths [P] of the iso-surfaces, from states to states."""
-        ...
-
-    def opacity(self, values: np.ndarray) -> np.ndarray:
-        """Opacities [P] of values, as blends of one value show them."""
-        ...
-
-    def visible_blocks(self) -> Blocks:
-        """Blocks of cells that rays may skip."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class ValueMatter:
     """Values, and magnitudes of gradients per world length where opacity depends on them, that are classified after
@@ -241,8 +217,7 @@ class ValueMatter:
         first, last = np.where(np.isnan(first), last, first), np.where(np.isnan(last), first, last)
         known, transfer = np.isfinite(first[0]), self.post.transfer
         first, last = (np.where(known, state, 0.0) for state in (first, last))
-        size = (first[1] + last[1]) / 2 if transfer.gradient else None
-        mean = mean_classes(self._extinction, transfer, (first, last), size)[:, 0]
+        mean = mean_classes(self._extinction, transfer, (first, last))[:, 0]
         crossed = crossed_depth(*self._surfaces, first[0], last[0]) if transfer.iso else np.zeros(len(known))
         return np.where(known, mean / self.unit, 0.0), np.where(known, crossed, 0.0)
 
@@ -369,7 +344,7 @@ class LayerField:
 
     @cached_property
     def blocks(self) -> Blocks:
-        """As of `Matter.visible_blocks`."""
+        """Blocks of cells that rays may skip."""
         return self.matter.visible_blocks()
 
     @property
@@ -613,25 +588,78 @@ class SurfaceRays:
         return np.where(ahead < self.step[rays], 0.0, ahead - self.step[rays] / 2)
 
 
-class WalkedRays(Protocol):
-    """Rays [P] through something."""
+@dataclass(frozen=True, eq=False)
+class NearCells:
+    """Where matter may be: bool `near` [Z, Y, X] of the cells from `low` (x, y, z) on."""
+
+    near: np.ndarray
+    low: np.ndarray
+
+    def at(self, places: np.ndarray) -> np.ndarray:
+        """Cells of `near` [...] around grid positions [3, ...]."""
+        axes = zip(places, self.low.tolist(), self.near.shape[::-1], strict=True)
+        x, y, z = (np.clip(np.rint(i).astype(np.int64) - a, 0, n - 1) for i, a, n in axes)
+        return np.asarray(self.near[z, y, x])
+
+    @cached_property
+    def blocks(self) -> Blocks:
+        """Blocks of these cells."""
+        is_near = block_extremes(np.maximum, self.near) > 0
+        return Blocks(self.low, self.near.shape, is_near, is_near, is_near)
+
+
+@dataclass(frozen=True, eq=False)
+class SlabRays:
+    """Rays of a picture, along which depth counts slabs. far [P]: their numbers; thickness [P]: theirs, index units."""
+
+    rays: Rays
+    cells: NearCells
+    far: np.ndarray
+    thickness: np.ndarray
+
+    @classmethod
+    def of(cls, rays: Rays, cells: NearCells, steps_per_voxel: int) -> SlabRays:
+        """Rays in slabs of at most 1/steps_per_voxel of a grid step, of equal thickness along a ray."""
+        far = np.ceil((rays.far - rays.near) * steps_per_voxel)
+        return cls(rays, cells, far, (rays.far - rays.near) / np.maximum(far, 1))
 
     @property
     def step(self) -> np.ndarray:
-        """[P]: largest depth between two points."""
+        """[P]: a slab."""
+        return np.ones(len(self.far))
+
+    @property
+    def length(self) -> np.ndarray:
+        """[P]: lengths of slabs, mean spacings."""
+        return self.thickness * self.rays.stretch
+
+    def places(self, depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """Grid positions [3, …, N] at depths […, N] of rays [N]."""
+        axis = (slice(None), *[None] * (depth.ndim - 1))
+        along = self.rays.near[rays] + depth * self.thickness[rays]
+        return np.asarray(self.rays.start[:, rays][axis] + self.rays.direction[:, rays][axis] * along)
 
     def stops(self, begin: np.ndarray, end: np.ndarray, rays: np.ndarray) -> np.ndarray:
-        """Depths [n, N] between begin and end [N] that are points of rays [N], too."""
+        """Depths [0, N]: slabs are not divided."""
+        return np.zeros((0, len(rays)))
 
     def free(self, depth: np.ndarray, rays: np.ndarray, best: Best | None) -> np.ndarray:
-        """Depth [N] to pass until something may be visible from depths [N] of rays [N] on: infinite behind all."""
+        """Slabs [N] to pass until something may be visible from depths [N] of rays [N] on: infinite behind the last.
+        best: values are wanted: none is passed.
+        """
+        free = np.zeros(len(rays))
+        if best is None:
+            along = self.rays.direction[:, rays] * self.thickness[rays]
+            # slabs whose middles are passed
+            free = np.floor(self.cells.blocks.free(self.places(depth, rays), along, self.step[rays]) + 0.5)
+        return np.where(depth >= self.far[rays], np.inf, free)
 
 
 Along = Sequence[LayerRays | SurfaceRays]
 
 
 def walk(
-    parts: Sequence[WalkedRays], visit: Callable[[np.ndarray, np.ndarray], np.ndarray], best: Best | None = None
+    parts: Along | Sequence[SlabRays], visit: Callable[[np.ndarray, np.ndarray], np.ndarray], best: Best | None = None
 ) -> None:
     """Follows rays through layers and meshes. visit: takes numbers of rays [N] and ascending depths [K + 1, N], between
     which matter may be visible, and returns which of the rays go on. best: as of `LayerRays.free`.

@@ -512,8 +512,8 @@ class Bounds:
     `first` on.
     """
 
-    low: np.ndarray
-    high: np.ndarray
+    low: np.ndarray | float = -np.inf
+    high: np.ndarray | float = np.inf
     clip: Clip | None = None
     first: float = 0.0
 
@@ -527,7 +527,8 @@ class Bounds:
         axes, of the planes that clip their starts, else 0; None without planes.
         """
         flush = np.where(np.abs(direction) < GRAZING * np.linalg.norm(direction, axis=0), FLUSH, 0.0)
-        near, far = box_ends(start, direction, self.low[:, None] - flush, self.high[:, None] + flush)
+        low, high = (np.reshape(end, (-1, 1)) for end in (self.low, self.high))
+        near, far = box_ends(start, direction, low - flush, high + flush)
         # parallel rays begin at the eye's plane, too
         near, face = np.maximum(near, self.first), None
         if self.clip is not None:
@@ -543,9 +544,9 @@ class Rays:
     """Rays of pixels [P]. start, direction [3, P]: grid indices; unit vectors of index space.
 
     near, far [P]: distances between which a ray is in the box, equal if nowhere. stretch [P]: mean spacings per index
-    unit along the ray. toward [P, 3]: unit vectors, world axes. face [P, 3]: normal of the plane that clips the start
-    of the ray, world axes, else 0; None without planes. entry [P]: distances at which rays enter the clipped box, also
-    for parts of rays.
+    unit along the ray. toward [P, 3]: unit vectors, world axes. entry [P]: distances at which rays enter the clipped
+    box, also for parts of rays. face [P, 3]: normal of the plane that clips the start of the ray, world axes, else 0;
+    None without planes.
     """
 
     start: np.ndarray
@@ -554,8 +555,8 @@ class Rays:
     far: np.ndarray
     stretch: np.ndarray
     toward: np.ndarray
+    entry: np.ndarray
     face: np.ndarray | None = None
-    entry: np.ndarray | None = None
 
     def between(self, near: np.ndarray, far: np.ndarray) -> Rays:
         """The parts of the rays between distances [P], mean spacings."""
@@ -563,12 +564,12 @@ class Rays:
         return replace(self, near=begin, far=np.maximum(begin, end))
 
     @classmethod
-    def of(cls, view: GridView, camera: Camera, bounds: Bounds, pixel: np.ndarray) -> Rays:
-        """Rays of `camera`'s pixels within bounds."""
-        start, direction, along = index_rays(view, pixel_slopes(pixel, camera, view.pitch))
+    def of(cls, view: GridView, camera: Camera, bounds: Bounds, lateral: np.ndarray) -> Rays:
+        """Rays through slopes, or lengths, [2, P] from the middle of `camera`'s picture, within bounds."""
+        start, direction, along = index_rays(view, lateral)
         speed = np.linalg.norm(direction, axis=0)
         direction = direction / speed
         near, far, face = bounds.ends(start, direction)
         toward = (camera.eye_from_world.T @ along).T
         toward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
-        return cls(start, direction, near, far, np.linalg.norm(along, axis=0) / speed, toward, face, near)
+        return cls(start, direction, near, far, np.linalg.norm(along, axis=0) / speed, toward, near, face)

@@ -39,7 +39,6 @@ from splatgl.reference.sheets import SheetScene
 from splatgl.splat.extract_values import post_splats
 from splatgl.splat.kernels import tabulate
 from splatgl.splat.lighting import Light, apply_light
-from splatgl.splat.motion_blur import moving_depth
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats, in_parts, record_type
 
@@ -225,8 +224,7 @@ def _scene(splats: Splats, resolved: Resolved, row: str) -> Drawing:
 @dataclass(frozen=True, eq=False)
 class SplatScene:
     """Data shared by all pixels of a picture of splats that composite one by one: footprints, their boxes of pixels,
-    and order, colour, depth and coverage (the remaining share of opacity) of all splats. isolated: see motion_blur.py;
-    None for still splats.
+    and order, colour, depth and coverage (the remaining share of opacity) of all splats.
     """
 
     row: Row
@@ -237,7 +235,6 @@ class SplatScene:
     color: np.ndarray
     depth: np.ndarray
     coverage: np.ndarray
-    isolated: np.ndarray | None = None
 
     @classmethod
     def of(cls, splats: Splats, resolved: Resolved, row: Row, boxes: Boxes) -> SplatScene:
@@ -266,8 +263,6 @@ class SplatScene:
             if not len(s):
                 continue
             depth = self.depth[s] * (integral.value / integral.peak if self.look.join == "max" else integral.value)
-            if self.isolated is not None:
-                depth = moving_depth(depth, self.depth[s] * integral.peak, self.isolated[s])
             ADD[self.look.join](gathered, Part(pairs.pixel, depth, self.color[s], self.coverage[s]))
         return pixels(gathered, self.look)
 

@@ -19,7 +19,7 @@ from splatgl.geometry.view import GridView
 from splatgl.planning.ambient_occlusion import LightVolume
 from splatgl.planning.resolve import Appearance, Resolved
 from splatgl.reference.blend import classify_values, join_attenuated, join_values, joined_value
-from splatgl.reference.rays import Bounds, Boxes, Pixels, Rays, Row, Values, pair_values, pixel_boxes
+from splatgl.reference.rays import Bounds, Boxes, Pixels, Rays, Row, Values, pair_values, pixel_boxes, pixel_slopes
 from splatgl.splat.kernels import Kernel, tabulate
 from splatgl.splat.lighting import apply_light, surface_light
 from splatgl.splat.sheets import (
@@ -122,7 +122,7 @@ class SheetField:
         PAIRS parts of rays at a time. is_visible: returns in which pixels further matter is visible.
         """
         near, far = self.places(rays, rays.near, sheets), self.places(rays, rays.far, sheets)
-        entry = near if rays.entry is None else self.places(rays, rays.entry, sheets)
+        entry = self.places(rays, rays.entry, sheets)
         stretch = rays.stretch * sheets.thickness
         padded = np.pad(self.center(sums, rays, first, sheets), ((0, 0), (2, 2), (0, 0)))
         along, steps, mass = rays.toward * stretch[:, None], self.segments(sheets), padded[..., 0] > 0
@@ -399,15 +399,16 @@ def weight_extinction(extinction: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def mean_classes(
-    integral: ClassIntegral, transfer: Transfer, states: Sequence[np.ndarray], size: np.ndarray | None
+    integral: ClassIntegral, transfer: Transfer, states: Sequence[np.ndarray], size: np.ndarray | None = None
 ) -> np.ndarray:
     """Mean emission, if the integral has it, and extinction [P, n] per reference length of rays between states [1 or 2,
-    P]: values, and magnitudes of gradients where opacity depends on them. size [P]: magnitude that weighs opacity.
+    P]: values, and magnitudes of gradients where opacity depends on them. size [P]: magnitude that weighs opacity, by
+    default the mean of the ends'.
     """
     pieces = list(pairwise(states))
     matter = np.sum([integral.mean(first[0], last[0]) for first, last in pieces], axis=0) / len(pieces)
     if transfer.gradient:
-        extinction = matter[:, -1]
+        extinction, size = matter[:, -1], (states[0][1] + states[-1][1]) / 2 if size is None else size
         weighted = weight_extinction(extinction, transfer.weight(size))
         matter = matter * (weighted / np.where(extinction > 0, extinction, 1.0))[:, None]
         matter[:, -1] = weighted
@@ -455,12 +456,12 @@ class SheetScene:
         """Rows of pixels whose sums fit into MOST_SUMS."""
         return max(MOST_SUMS // (max(self.many, 1) * self.terms.shape[1] * self.camera.size[0]), 1)
 
-    def part(self, wanted: Pixels) -> np.ndarray:
-        """Wanted pixels of the picture, float64 [P, 4]."""
-        sums = self._sums(wanted)
+    def part(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> np.ndarray:
+        """Wanted pixels of the picture, float64 [P, 4], or their light between distances [P], world units."""
+        sums, rays = self._sums(wanted), self._rays(wanted, near, far)
         if self.field is None:
-            return composite_sums(sums)
-        return self.field.composite(sums, self._rays(wanted, None, None), self.first, self.sheets)
+            return composite_sums(sums if near is None else sums * self._within(rays)[..., None])
+        return self.field.composite(sums, rays, self.first, self.sheets)
 
     def _sums(self, wanted: Pixels) -> np.ndarray:
         """Sums [P, sheets, terms] of wanted pixels."""
@@ -474,13 +475,6 @@ class SheetScene:
             for sheet in range(-1, self.near.count):
                 by_sheet[:, sheet - self.first] = near_sums(self.near, self.view.kernel, rays, sheet, self.sheets)
         return by_sheet
-
-    def between(self, wanted: Pixels, near: np.ndarray, far: np.ndarray) -> np.ndarray:
-        """Light [P, 4] of wanted pixels between distances [P], world units."""
-        sums, rays = self._sums(wanted), self._rays(wanted, near, far)
-        if self.field is None:
-            return composite_sums(sums * self._within(rays)[..., None])
-        return self.field.composite(sums, rays, self.first, self.sheets)
 
     def pieces(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> Pieces:
         """Pieces of matter along the rays of wanted pixels, or along their parts between distances [P]."""
@@ -512,11 +506,9 @@ class SheetScene:
 
     def _rays(self, wanted: Pixels, near: np.ndarray | None, far: np.ndarray | None) -> Rays:
         """Rays of wanted pixels, clipped to distances if given; endless for splats classified before."""
-        shape = (1, 1, 1) if self.field is None else self.field.post.shape
-        bounds = Bounds.of_voxels(shape, self.resolved.clip)
-        rays = Rays.of(self.view, self.camera, bounds, wanted.index)
-        if self.field is None:
-            rays = replace(rays, near=np.zeros_like(rays.near), far=np.full_like(rays.far, np.inf))
+        field = self.field
+        bounds = Bounds() if field is None else Bounds.of_voxels(field.post.shape, self.resolved.clip)
+        rays = Rays.of(self.view, self.camera, bounds, pixel_slopes(wanted.index, self.camera, self.view.pitch))
         return rays if near is None or far is None else rays.between(near / self.spacing, far / self.spacing)
 
     def _within(self, rays: Rays) -> np.ndarray:

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.geometry.clipping import FACE
 from splatgl.gl.features import base_of, box_uniforms
-from splatgl.reference.layers import BoxRays, BoxScene, Passed
+from splatgl.reference.layers import BoxScene, Passed
+from splatgl.reference.rays import Rays, index_rays
 from tests.helpers.boxes import noise as labels_of_noise
 from tests.helpers.boxes import splats_of
 from tests.helpers.noise import views
@@ -16,17 +18,16 @@ from tests.helpers.twins import COUNT, Twin
 CUT = ((0.6, 0.0, 0.8, 2.0), (0.0, 1.0, 0.0, -1.0))
 
 
-def box_ray(rays: BoxRays, base: np.ndarray) -> np.ndarray:
-    """[N, 12]: a place on each ray, its ends, lengths per depth, its direction, and its face."""
-    start, along = rays.start.T - base + rays.direction.T, rays.toward
-    return np.column_stack([start, rays.near, along, rays.stretch, rays.face, rays.faced])
+def box_ray(rays: Rays, speed: np.ndarray, base: np.ndarray) -> np.ndarray:
+    """[N, 12]: a place on each ray, its ends, lengths per depth, its direction, and its face. speed [N]: index units
+    per depth.
+    """
+    start = rays.start.T - base + (rays.direction * speed).T
+    faced = (rays.entry + FACE) / speed
+    return np.column_stack([start, rays.near / speed, rays.toward, rays.stretch * speed, rays.face, faced])
 
 
-def box_ends(rays: BoxRays, position: np.ndarray) -> np.ndarray:
-    return np.asarray(rays.ends(position, np.arange(len(position))).T)
-
-
-def box_light(scene: BoxScene, rays: BoxRays, ends: np.ndarray) -> np.ndarray:
+def box_light(scene: BoxScene, rays: Rays, ends: np.ndarray) -> np.ndarray:
     every = np.arange(len(ends))
     return np.stack(scene._shade(Passed(every, every, ends.T), rays), axis=1)
 
@@ -40,15 +41,20 @@ def test_boxes_of_voxels(view: str, twin: Twin, renderer: sg.Renderer, rng: np.r
     assert plan.program.boxes and splats.labels is not None
     scene, size = BoxScene(splats, plan.resolved), plan.view.size
     at = rng.integers(0, size, (COUNT, 2)) + 0.5
-    rays = BoxRays.of(plan.resolved, ((at - np.array(size) / 2) * plan.view.pitch).T)
-    base, position = base_of(splats, plan.view.eye_index), splats.positions[rng.integers(0, len(splats), COUNT)]
+    slopes = ((at - np.array(size) / 2) * plan.view.pitch).T
+    rays = scene.through(slopes)
+    # eye-space depth is the shader's
+    speed = np.linalg.norm(index_rays(plan.view, slopes)[1], axis=0)
+    base, splat = base_of(splats, plan.view.eye_index), rng.integers(0, len(splats), COUNT)
     state = box_uniforms(splats, plan)
-    right = box_ray(rays, base)
+    right, hit = box_ray(rays, speed, base), rays.far > rays.near
+    assert hit.mean() > 0.3
     for n, what in enumerate(("r.start + r.direction, r.near", "r.toward, r.stretch", "r.face")):
         said = f"BoxRay r = box_ray(a); result = vec4({what})"
-        assert np.abs(twin("boxes.glsl", said, plan, splats, state, a=at) - right[:, 4 * n : 4 * n + 4]).max() < 1e-4
-    ends = box_ends(rays, position.astype(np.float64))
-    given = {"a": at, "p": position - base}
+        found = twin("boxes.glsl", said, plan, splats, state, a=at)
+        assert np.abs(found - right[:, 4 * n : 4 * n + 4])[hit].max() < 1e-4
+    ends = (scene.ends(rays, splat, np.arange(COUNT)) / speed).T
+    given = {"a": at, "p": splats.positions[splat] - base}
     found = twin("boxes.glsl", "result.xy = box_ends(box_ray(a), p)", plan, splats, state, **given)[:, :2]
     met = ends[:, 1] > ends[:, 0]
     assert np.abs(found - ends)[met].max() < 1e-4 and ((found[:, 1] > found[:, 0]) == met).mean() > 0.999
@@ -56,4 +62,4 @@ def test_boxes_of_voxels(view: str, twin: Twin, renderer: sg.Renderer, rng: np.r
     ends = np.stack([entry, entry + rng.uniform(0.1, 1.5, COUNT)], axis=1)
     given = {"a": at, "e": ends}
     found = twin("boxes.glsl", "result.xy = box_light(box_ray(a), e)", plan, splats, state, **given)[:, :2]
-    assert np.abs(found - box_light(scene, rays, ends)).max() < 1e-3
+    assert np.abs(found - box_light(scene, rays, ends * speed[:, None]))[hit].max() < 1e-3

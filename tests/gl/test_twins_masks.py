@@ -8,7 +8,7 @@ import pytest
 import splatgl as sg
 from splatgl.geometry.mask_field import EDGE, ONE, ZERO, MaskField, clip_to_mask
 from splatgl.gl.meshes import MAPS_UNIT
-from splatgl.reference.rays import Bounds, Rays
+from splatgl.reference.rays import Bounds, Rays, pixel_slopes
 from splatgl.reference.sheets import ray_offset
 from splatgl.transfer.colormaps import FURTHEST, UNKNOWN, map_color, map_tables
 from tests.helpers.noise import views
@@ -51,7 +51,8 @@ def test_masks_along_rays(view: str, twin: Twin, renderer: sg.Renderer, rng: np.
         state,
         **given,
     )
-    rays = Rays.of(plan.view, camera, Bounds.of_voxels(splats.post.shape), pixel)
+    bounds, slopes = Bounds.of_voxels(splats.post.shape), pixel_slopes(pixel, camera, plan.view.pitch)
+    rays = Rays.of(plan.view, camera, bounds, slopes)
     along = (sheet + state["first_sheet"]) * plan.resolved.sheets.thickness - ray_offset(plan.view, rays)
     right = mask_at(mask, rays.start + rays.direction * along)
     assert np.abs(found - right).max() < 1e-4

@@ -16,7 +16,7 @@ from splatgl.gl.sheet_tiles import sheet_uniforms
 from splatgl.gl.textures import CLASS_UNIT, class_uniforms
 from splatgl.planning.plan import Plan
 from splatgl.reference import blend as blends
-from splatgl.reference.rays import Bounds, Rays
+from splatgl.reference.rays import Bounds, Rays, pixel_slopes
 from splatgl.reference.sheets import (
     Part,
     SheetField,
@@ -229,7 +229,8 @@ def test_rays_in_sheets(cut: bool, grid: str, view: str, twin: Twin) -> None:
             for part, some in parts.items()
         ]
     )
-    rays = Rays.of(plan.view, camera, Bounds.of_voxels(post.shape, plan.resolved.clip), pixel)
+    slopes = pixel_slopes(pixel, camera, plan.view.pitch)
+    rays = Rays.of(plan.view, camera, Bounds.of_voxels(post.shape, plan.resolved.clip), slopes)
     right = set_ray(rays, splats, plan, state["first_sheet"])
     hit = rays.far > rays.near
     assert hit.sum() > 40 and (found[1] - found[0])[~hit].max(initial=0) < 1e-4
@@ -340,7 +341,7 @@ def some_rays(rng: np.random.Generator) -> Rays:
     near, far, start = rng.uniform(-1.5, 0.5, COUNT), rng.uniform(0.3, 2.5, COUNT), rng.uniform(-1, 1, (3, COUNT))
     toward = rng.normal(size=(COUNT, 3))
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
-    return Rays(start, toward.T[::-1], near, np.maximum(far, near), rng.uniform(0.5, 2, COUNT), toward)
+    return Rays(start, toward.T[::-1], near, np.maximum(far, near), rng.uniform(0.5, 2, COUNT), toward, near)
 
 
 def of_layers(rays: Rays, sheets: Sheets) -> dict[str, np.ndarray]:

@@ -23,7 +23,7 @@ from splatgl.splat.footprint import GRAZING, Quads, on_quads, run_lengths, table
 from splatgl.splat.kernels import tabulate
 from splatgl.splat.line_integral import Integral, row1
 from splatgl.splat.motion import Motion, Streaks, streaks
-from splatgl.splat.motion_blur import MOTIONS, SHORT, BlurTable, blur_table
+from splatgl.splat.motion_blur import MOTIONS, SHORT, BlurTable, blur_table, moving_depth
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 
@@ -31,11 +31,12 @@ from splatgl.splat.splats import Splats
 @dataclass(frozen=True, eq=False)
 class StreakRow(Row):
     """Row 1, or rows 4 and 5 on quads, for voxels [3, N] that move by step [2, N] across the view; motion: exact,
-    energy or paper.
+    energy or paper. alone [2, N]: optical depths, and `isolation`, where opacities are averaged; None: depths are.
     """
 
     step: np.ndarray
     motion: str
+    alone: np.ndarray | None = None
 
     def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
         """Integrals of splats [P] along rays [2, P]. value: the mean along the path; peak: the maximum."""
@@ -52,7 +53,11 @@ class StreakRow(Row):
             )
             integral.value[moving] = passed.streak_shape(self.view, self.motion)
             integral.peak[moving] = passed.most(self.view)
-        return integral
+        if self.alone is None:
+            return integral
+        depth, isolated = self.alone[:, splat]
+        value = moving_depth(depth * integral.value, depth * integral.peak, isolated)
+        return Integral(value / np.where(depth > 0, depth, 1.0), integral.peak)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +209,7 @@ def render(
         lengths = pass_quads(quads, slope, paths.step).length if quads else length_of(view, paths)
         if attenuation == "fill":
             through = run_length_along(view.index_from_eye[:, :2] @ paths.step, splats.runs)
-            scene = replace(scene, isolated=isolation(lengths, through))
+            scene = replace(scene, row=replace(row, alone=np.stack([scene.depth, isolation(lengths, through)])))
         else:
             scene = replace(scene, coverage=scene.coverage * energy_gain(view.kernel, lengths))
     info = {"scene": splats.name, "blend": settings.blend, "motion": shape, "shutter": shutter}

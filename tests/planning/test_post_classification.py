@@ -19,7 +19,7 @@ from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.quads import first_sheets
 from splatgl.planning.culling import tiles_beside_box
 from splatgl.planning.scene import resolve_scene
-from splatgl.reference.rays import Bounds, Rays
+from splatgl.reference.rays import Bounds, Rays, pixel_slopes
 from splatgl.reference.renderer import render_pixels
 from splatgl.scene.view import ViewOptions
 from splatgl.splat import extract_values, prefilter
@@ -550,7 +550,8 @@ def test_flat_matter_at_a_point_of_opacity_1_is_opaque(
     splats = sg.extract(sg.Volume(np.full((4, 4, 4), value)), transfer)
     camera = sg.Camera.orthographic((-5, -5, 8.0), (1.5, 1.5, 1.5), (0, 0, 1), 8.5, (24, 24))
     chosen = renderer.plan(splats, camera, sg.Settings(antialias="off"))
-    rays = Rays.of(chosen.view, chosen.resolved.camera, Bounds.of_voxels((4, 4, 4)), np.arange(24 * 24))
+    slopes = pixel_slopes(np.arange(24 * 24), chosen.resolved.camera, chosen.view.pitch)
+    rays = Rays.of(chosen.view, chosen.resolved.camera, Bounds.of_voxels((4, 4, 4)), slopes)
     right = -np.expm1(-24 * np.log(2) * (rays.far - rays.near) * rays.stretch).reshape(24, 24)
     for picture in (
         sg.reference.render(splats, camera, sg.Settings(antialias="off")),
