@@ -18,7 +18,7 @@ from splatgl.planning.culling import back_to_front, order_for
 from splatgl.planning.resolve import Resolved
 from splatgl.reference.blend import ADD, Band, Part, pixels
 from splatgl.reference.rays import Bounds, Boxes, Pixels, Rays, box_ends, pair_values, pixel_boxes, pixel_slopes
-from splatgl.reference.sheets import Pieces, SheetScene, add_behind
+from splatgl.reference.sheets import Pieces, SheetScene, composite_sums
 from splatgl.splat.lighting import Light, surface_light
 from splatgl.splat.line_integral import Integral
 from splatgl.splat.splats import Splats
@@ -168,29 +168,25 @@ class LayerScene:
 
     def part(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> np.ndarray:
         """Wanted pixels of the picture, float64 [P, 4], or their light between distances [P], world units."""
-        return merge_pieces([layer.pieces(wanted, near, far) for layer in self.layers])
-
-
-def merge_pieces(layers: Sequence[Pieces]) -> np.ndarray:
-    """Light [P, 4] of layers' pieces along P rays."""
-    ends = np.concatenate([layer.ends.reshape(len(layer.ends), -1) for layer in layers], axis=1)
-    order = np.argsort(ends, axis=1, kind="stable")
-    edges = np.take_along_axis(ends, order, axis=1).T
-    # of an end the layer whose piece ends there, −1 where one begins
-    ending = np.concatenate([np.tile([-1, n], layer.ends.shape[1]) for n, layer in enumerate(layers)])[order].T
-    light = np.zeros((len(ends), 4))
-    at = [np.zeros(len(ends), np.intp) for _ in layers]
-    for first, last, ended in zip(edges[:-1], edges[1:], ending[:-1], strict=True):
-        middle, matter = (first + last) / 2, np.zeros_like(light)
-        for n, layer in enumerate(layers):
-            at[n] += ended == n
-            some = np.flatnonzero((last > first) & (at[n] < layer.ends.shape[1]))
-            begin, end = layer.ends[some, at[n][some]].T
-            inside = (begin < middle[some]) & (middle[some] < end)
-            some, length = some[inside], (end - begin)[inside]
-            matter[some] += layer.matter[some, at[n][some]] * ((last - first)[some] / length)[:, None]
-        light = add_behind(light, matter)
-    return light
+        layers = [layer.pieces(wanted, near, far) for layer in self.layers]
+        ends = np.concatenate([layer.ends.reshape(len(layer.ends), -1) for layer in layers], axis=1)
+        order = np.argsort(ends, axis=1, kind="stable")
+        edges = np.take_along_axis(ends, order, axis=1).T
+        # of an end the layer whose piece ends there, −1 where one begins
+        ending = np.concatenate([np.tile([-1, n], layer.ends.shape[1]) for n, layer in enumerate(layers)])[order].T
+        light = np.zeros((len(ends), 4))
+        at = [np.zeros(len(ends), np.intp) for _ in layers]
+        for first, last, ended in zip(edges[:-1], edges[1:], ending[:-1], strict=True):
+            middle, matter = (first + last) / 2, np.zeros_like(light)
+            for n, layer in enumerate(layers):
+                at[n] += ended == n
+                some = np.flatnonzero((last > first) & (at[n] < layer.ends.shape[1]))
+                begin, end = layer.ends[some, at[n][some]].T
+                inside = (begin < middle[some]) & (middle[some] < end)
+                some, length = some[inside], (end - begin)[inside]
+                matter[some] += layer.matter[some, at[n][some]] * ((last - first)[some] / length)[:, None]
+            light += (1 - light[:, 3:]) * composite_sums(matter[:, None])
+        return light
 
 
 # difference of barycentric coordinates, and relative difference of depths, that is only rounding

@@ -384,13 +384,6 @@ def ray_offset(view: GridView, rays: Rays) -> np.ndarray | float:
     return np.asarray(index_direction(view) @ (rays.start - view.eye_index[:, None]))
 
 
-def add_behind(light: np.ndarray, matter: np.ndarray) -> np.ndarray:
-    """Light [P, 4] with matter [P, 4], emission and optical depth, added behind it."""
-    depth = matter[:, 3]
-    share = np.where(depth > 0, -np.expm1(-depth) / np.where(depth > 0, depth, 1.0), 1.0)
-    return np.asarray(light + ((1 - light[:, 3]) * share)[:, None] * matter)
-
-
 def weight_extinction(extinction: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Extinction whose opacity is `weight` times that of `extinction`, per reference length."""
     share = np.minimum(-np.expm1(-extinction) * weight, 1.0)

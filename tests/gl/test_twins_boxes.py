@@ -22,6 +22,7 @@ def box_ray(rays: Rays, speed: np.ndarray, base: np.ndarray) -> np.ndarray:
     """[N, 12]: a place on each ray, its ends, lengths per depth, its direction, and its face. speed [N]: index units
     per depth.
     """
+    assert rays.face is not None
     start = rays.start.T - base + (rays.direction * speed).T
     faced = (rays.entry + FACE) / speed
     return np.column_stack([start, rays.near / speed, rays.toward, rays.stretch * speed, rays.face, faced])

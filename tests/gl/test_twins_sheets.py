@@ -20,7 +20,6 @@ from splatgl.reference.rays import Bounds, Rays, pixel_slopes
 from splatgl.reference.sheets import (
     Part,
     SheetField,
-    add_behind,
     between_sheets,
     bulge,
     composite_sums,
@@ -460,7 +459,7 @@ def test_light_over_matter(
     none = np.zeros(COUNT)
     part = Part(np.arange(COUNT), none.astype(int), none, ends, first, middle, last, along, faced, none)
     rays = replace(some_rays(rng), toward=toward, face=face[:, :3] if cut else None)
-    right = add_behind(light, field.matter(part, rays))
+    right = light + (1 - light[:, 3:]) * composite_sums(field.matter(part, rays)[:, None])
     shines = np.broadcast_to(0.0 if field.shines is None else field.shines, (COUNT, 3))
     inputs |= {"s": shines}
     found_light = twin(
