@@ -1,7 +1,8 @@
-"""One walk along rays in float64, through the matter of layers that pictures show.
+"""One walk along rays in float64: of depth maps and picks, through the layers that pictures show, and of pictures of
+fields, in slabs of equal thickness. Rays skip blocks of cells without visible values.
 
-Between two points of a ray, at most 1/STEPS voxel apart, values are linear, or where they turn a parabola: all values
-between are classified, iso-surfaces between are crossed. Rays skip blocks of cells without visible values.
+Between two points of a ray through layers, at most 1/STEPS voxel apart, values are linear, or where they turn a
+parabola: all values between are classified, iso-surfaces between are crossed.
 """
 
 from __future__ import annotations
@@ -661,8 +662,8 @@ Along = Sequence[LayerRays | SurfaceRays]
 def walk(
     parts: Along | Sequence[SlabRays], visit: Callable[[np.ndarray, np.ndarray], np.ndarray], best: Best | None = None
 ) -> None:
-    """Follows rays through layers and meshes. visit: takes numbers of rays [N] and ascending depths [K + 1, N], between
-    which matter may be visible, and returns which of the rays go on. best: as of `LayerRays.free`.
+    """Follows rays through layers and meshes, or in slabs. visit: takes numbers of rays [N] and ascending depths [K + 1,
+    N], between which matter may be visible, and returns which of the rays go on. best: as of `LayerRays.free`.
     """
     if not parts:
         return

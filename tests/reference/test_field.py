@@ -14,6 +14,7 @@ import pytest
 import splatgl as sg
 from splatgl.planning.resolve import select_splats
 from splatgl.reference.field import field_integral, kept_field_integral, kernel_field, trilinear_field
+from splatgl.reference.march import Cells
 from splatgl.splat.kernels import FREE, kernel
 from splatgl.splat.prefilter import margin_of, prefilter
 from splatgl.splat.settings import BLENDS
@@ -330,6 +331,17 @@ def test_missing_samples_leave_a_field_of_the_others() -> None:
         value, _ = field(places)
         far = np.abs(places - np.array([[3], [3], [2]])).max(axis=0) > 1
         assert np.abs(value - 0.7)[far].max() < 1e-6 and np.isfinite(value).all()
+
+
+@pytest.mark.parametrize("name", ["b-spline", "crawfis-max"])
+def test_cells_by_table_are_near_exact_ones(name: str, rng: np.random.Generator) -> None:
+    """Within the lattice, at its ends, and far from it, where nothing is; missing entries have no share."""
+    places = rng.permutation(np.argwhere(np.ones((5, 6, 7))))[:150]
+    terms, at = [1.0, rng.random(150)], np.column_stack([rng.uniform(-3, 9, (3, 400)), np.full(3, 40.0)])
+    table, exact = (Cells(places, terms, kernel(name), is_exact).sums(at) for is_exact in (False, True))
+    right = kernel(name).value(np.linalg.norm(at[:, None] - places.T[..., None], axis=0)).sum(axis=0)
+    assert np.abs(exact[0] - right).max() < 1e-14 and exact[0, -1] == table[0, -1] == 0 < right.max()
+    assert np.abs(table - exact).max() < 1e-4
 
 
 @pytest.mark.parametrize(
