@@ -662,8 +662,8 @@ Along = Sequence[LayerRays | SurfaceRays]
 def walk(
     parts: Along | Sequence[SlabRays], visit: Callable[[np.ndarray, np.ndarray], np.ndarray], best: Best | None = None
 ) -> None:
-    """Follows rays through layers and meshes, or in slabs. visit: takes numbers of rays [N] and ascending depths [K + 1,
-    N], between which matter may be visible, and returns which of the rays go on. best: as of `LayerRays.free`.
+    """Follows rays through layers and meshes, or in slabs. visit: takes numbers of rays [N] and ascending depths
+    [K + 1, N], between which matter may be visible, and returns which of the rays go on. best: of `LayerRays.free`.
     """
     if not parts:
         return
