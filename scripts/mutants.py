@@ -20,7 +20,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 ROOT = Path(__file__).parents[1]
 LIST = Path(__file__).with_suffix(".txt")
@@ -32,6 +32,7 @@ TURNS = 12
 SECONDS = 120.0
 # start of driver messages that make any test fail
 UNCOMPILED = "GLSL Compiler failed"
+T = TypeVar("T")
 
 
 class Mutant(NamedTuple):
@@ -143,6 +144,11 @@ def try_all(chosen: Sequence[Mutant]) -> int:
     return int(survivors > 0 or has_failed)
 
 
+def of_today(cases: Sequence[T], turns: int) -> list[T]:
+    """Those whose turn is today; after as many days as there are turns, each has had one."""
+    return list(cases[datetime.date.today().toordinal() % turns :: turns])
+
+
 def _spent() -> float:
     """Processor time of finished tests, seconds."""
     used = os.times()
@@ -159,7 +165,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     chosen = [row for row in MUTANTS if not args.names or any(name in row.file + row.test for name in args.names)]
     if args.turn:
-        chosen = chosen[datetime.date.today().toordinal() % TURNS :: TURNS]
+        chosen = of_today(chosen, TURNS)
     if args.list or not chosen:
         print("\n".join(f"{mutant}\n  {mutant.test}" for mutant in chosen) or "none of that name")
         return int(not chosen)

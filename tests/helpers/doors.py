@@ -255,7 +255,7 @@ def copied(draft: Draft, form: Copy) -> Drawn:
             _, _, rest = text.partition("END'\n")
             body, _, line = rest.rpartition("END\n")
             Path("scene.toml").write_text(body, encoding="utf-8")
-            command(*line.replace("picture.png", "picture.npy").split()[1:])
+            command(*line.replace("picture.png", "picture.npy").split()[1:], "--check", "0")
         pixels = _loaded(folder / "picture.npy")
     return Drawn(pixels)
 

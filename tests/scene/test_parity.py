@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from splatgl.errors import InputError
-from tests.helpers.doors import BASES, DOORS, SLOW, Door, Drawn, files_of
+from tests.helpers.doors import BASES, DOORS, SLOW, Door, Draw, Drawn, files_of
 from tests.helpers.random_scenes import (
     Draft,
     Source,
@@ -83,10 +84,10 @@ EVERY = {**DOORS, **SLOW}
 REFUSED = [(name, trait) for name, door in EVERY.items() for trait in door.refuses]
 
 
-def attempt(draft: Draft, draw: object) -> Drawn | str:
+def attempt(draft: Draft, draw: Draw) -> Drawn | str:
     """The picture, or the message of the error, without the folder."""
     try:
-        return draw(draft)  # type: ignore[operator]
+        return draw(draft)
     except InputError as error:
         return str(error).replace(f"{draft.folder}/", "")
 
@@ -119,18 +120,18 @@ def plain(message: str) -> str:
 
 def failures(draft: Draft, doors: dict[str, Door]) -> list[str]:
     """What is wrong with the pictures of a scene by some doors."""
-    bases = {"picture": attempt(draft, BASES["picture"])}
+    picture = cache(lambda draw: attempt(draft, draw))
     has, found = traits(draft), list[str | None]()
     for name, door in doors.items():
         if has & set(door.lacks):
             continue
-        if door.base not in bases:
-            is_same = door.base in ("bare", "steady") and "annotate" not in has
-            bases[door.base] = bases["picture"] if is_same else attempt(draft, BASES[door.base])
-        found.append(explain(draft, name, door, attempt(draft, door.draw), bases[door.base], bases["picture"]))
+        is_same = door.base in ("bare", "steady") and "annotate" not in has
+        base = BASES["picture" if is_same else door.base]
+        found.append(explain(draft, name, door, picture(door.draw), picture(base), picture(BASES["picture"])))
     return [text for text in found if text]
 
 
+@pytest.mark.turns(6)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_all_doors_draw_a_random_scene_alike(seed: int, tmp_path: Path) -> None:
     draft = make_scene(tmp_path, seed)
