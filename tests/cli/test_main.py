@@ -212,14 +212,6 @@ def test_ctrl_c(here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pyt
     assert [p.name for p in here.iterdir()] == ["noise.npy"]
 
 
-@pytest.mark.long
-def test_info_and_doctor(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["info", "noise.npy"]) == 0
-    assert "8" in capsys.readouterr().out
-    assert main(["doctor"]) == 0
-    assert "OpenGL" in capsys.readouterr().out
-
-
 def test_a_report_of_a_fault_has_no_names(tmp_path: Path) -> None:
     """Type, spacing and how the file is refused, without its name, its folder and its texts."""
     from splatgl.cli.doctor import describe_header

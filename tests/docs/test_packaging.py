@@ -62,10 +62,10 @@ def test_the_readme_installs_it(tmp_path: Path) -> None:
     """The README's first command, without the dependencies, in an environment of its own."""
     command = re.search(r"```sh\npip (.+)\n", (ROOT / "README.md").read_text(encoding="utf-8"))
     assert command is not None
-    subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", tmp_path / "venv"], check=True)
     python = tmp_path / "venv" / "bin" / "python"
-    alone = ["--quiet", "--no-deps"]
-    subprocess.run([python, "-m", "pip", *shlex.split(command[1]), *alone], cwd=ROOT, check=True)
+    pip = [sys.executable, "-m", "pip", "--python", python]
+    subprocess.run([*pip, *shlex.split(command[1]), "--quiet", "--no-deps"], cwd=ROOT, check=True)
     where = [python, "-I", "-c", "import splatgl; print(splatgl.__file__)"]
     found = subprocess.run(where, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert Path(found.stdout.strip()).is_relative_to(tmp_path)

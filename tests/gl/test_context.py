@@ -288,6 +288,7 @@ def test_doctor_says_when_blending_is_wrong(opened: Open, monkeypatch: pytest.Mo
     need("egl")
     wrong = SelfCheck("over rgba32f", got=0.512, answer=0.8648, tolerance=1e-4, required=True)
     monkeypatch.setattr(doctor, "run_checks", lambda ctx: (wrong,))
+    only(monkeypatch, "default")
     text, ok = doctor.report(OpenGL("egl"))
     assert not ok and "WRONG" in text
 
