@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import re
 import sys
+from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,6 +15,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
 import mutants
 from mutants import MUTANTS, Mutant
+
+from tests.conftest import pytest_collection_modifyitems
 
 ROOT = Path(__file__).parents[2]
 # folders of what computes, but of those that scripts/test does not try; least numbers of files, and of shaders
@@ -42,26 +47,55 @@ def test_what_computes_has_mutants() -> None:
     assert sum(file.startswith("shaders/") for file in files) >= LEAST_SHADERS
 
 
+class Today:
+    """Stands in for the date."""
+
+    number = 0
+
+    @classmethod
+    def today(cls) -> Any:
+        return cls
+
+    @classmethod
+    def toordinal(cls) -> int:
+        return cls.number
+
+
 def test_all_have_their_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Within as many days as there are turns, each once."""
     tried: list[Mutant] = []
-
-    class Today:
-        number = 0
-
-        @classmethod
-        def today(cls) -> Any:
-            return cls
-
-        @classmethod
-        def toordinal(cls) -> int:
-            return cls.number
-
     monkeypatch.setattr(mutants.datetime, "date", Today)
     monkeypatch.setattr(mutants, "try_all", lambda chosen: tried.extend(chosen) or 0)
     for Today.number in range(mutants.TURNS):
         assert mutants.main(["--turn"]) == 0
     assert sorted(tried) == sorted(MUTANTS)
+
+
+@dataclass(eq=False)
+class Case:
+    """Stands in for a case of a test, with its marks."""
+
+    nodeid: str
+    marks: dict[str, pytest.Mark]
+
+    def get_closest_marker(self, name: str) -> pytest.Mark | None:
+        return self.marks.get(name)
+
+    def add_marker(self, name: str) -> None:
+        self.marks[name] = getattr(pytest.mark, name).mark
+
+
+def test_long_cases_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within three days each long case once, and the quick ones each day."""
+    monkeypatch.setattr(mutants.datetime, "date", Today)
+    config: Any = SimpleNamespace(stash={})
+    marks = {"few": pytest.mark.few(2).mark, "turns": pytest.mark.turns(3).mark}
+    runs = Counter[str]()
+    for Today.number in range(3):
+        cases = [Case(f"test_drawn[{n}]", dict(marks)) for n in range(12)]
+        pytest_collection_modifyitems(config, cases)  # type: ignore[arg-type]
+        runs.update(case.nodeid for case in cases if "later" not in case.marks)
+    assert sorted(runs.values()) == [1] * 10 + [3] * 2
 
 
 @pytest.mark.long

@@ -64,7 +64,7 @@ def test_the_readme_installs_it(tmp_path: Path) -> None:
     assert command is not None
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", tmp_path / "venv"], check=True)
     python = tmp_path / "venv" / "bin" / "python"
-    pip = [sys.executable, "-m", "pip", "--python", python]
+    pip = [sys.executable, "-m", "pip", "--python", str(python)]
     subprocess.run([*pip, *shlex.split(command[1]), "--quiet", "--no-deps"], cwd=ROOT, check=True)
     where = [python, "-I", "-c", "import splatgl; print(splatgl.__file__)"]
     found = subprocess.run(where, cwd=tmp_path, capture_output=True, text=True, check=True)

@@ -87,6 +87,7 @@ SHAPES: dict[str, dict[str, str]] = {
 }
 
 
+@pytest.mark.turns(3)
 @pytest.mark.few(9)
 @pytest.mark.parametrize("grid", GRIDS)
 @pytest.mark.parametrize("shape", SHAPES)

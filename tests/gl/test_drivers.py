@@ -66,6 +66,7 @@ def assert_right(name: str, pixels: np.ndarray, subject: Subject = SUBJECT) -> N
 COMPARED = [*(name for name in SETTINGS if name not in BLURRED), *SCENES, "bricks", "bricks, mip", "bricks inside"]
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(1)
 @pytest.mark.parametrize("name", [*COMPARED, "parts", "parts, mip"])
 def test_pictures_are_those_of_float64(renderer: sg.Renderer, name: str) -> None:

@@ -146,6 +146,7 @@ KINDS: dict[str, Callable[[], Draw]] = {
 }
 
 
+@pytest.mark.turns(3)
 @pytest.mark.few(1)
 @pytest.mark.parametrize("kind", KINDS)
 def test_shapes_draw_the_same(

@@ -132,6 +132,7 @@ def test_a_new_method_is_one_entry(
     assert found.ok and f"{mine}: error/bound" in {each.what for each in found.checks}
 
 
+@pytest.mark.turns(3)
 @pytest.mark.few(6)
 @pytest.mark.parametrize("name", methods.methods())
 def test_every_method_draws(renderer: sg.Renderer, subject: Subject, name: str) -> None:

@@ -131,7 +131,7 @@ def failures(draft: Draft, doors: dict[str, Door]) -> list[str]:
     return [text for text in found if text]
 
 
-@pytest.mark.turns(6)
+@pytest.mark.turns(10)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_all_doors_draw_a_random_scene_alike(seed: int, tmp_path: Path) -> None:
     draft = make_scene(tmp_path, seed)
