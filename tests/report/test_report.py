@@ -205,7 +205,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     pytest.importorskip("matplotlib")
     folder = tmp_path / "out"
     only = ["--only", "settings", "tolerance", "antialiasing off", "2×2", "gaussian", "grid", "preview"]
-    asked = ["report", "letter-f", "--quick", "--size", "20", "--rounds", "2", *only, "-o", str(folder)]
+    asked = ["report", "letter-f", "--quick", "--size", "12", "--rounds", "2", *only, "-o", str(folder)]
     assert main(asked) == 0
     assert "report.html" in capsys.readouterr().out
     page = (folder / "report.html").read_text()

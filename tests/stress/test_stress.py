@@ -50,6 +50,7 @@ def told(result: Result) -> str:
 
 
 @pytest.mark.long
+@pytest.mark.turns(2)
 @pytest.mark.parametrize("name", [n for n in CASES if n not in IN_PART])
 def test_every_case_keeps_its_bound(renderer: sg.Renderer, name: str) -> None:
     result = run_case(CASES[name], renderer)
