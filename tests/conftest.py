@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import json
 import os
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
@@ -23,17 +22,12 @@ from splatgl.readers import hdf5_files
 from splatgl.scene.draw import DrawOptions
 from splatgl.scene.shared_renderer import is_usable, shared_renderer
 from tests.helpers.levels import with_levels
-from tests.helpers.splatting import GOLDEN
+from tests.helpers.marks import mark_later, mark_long
 from tests.helpers.twins import twin as twin
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
-from mutants import MUTANTS, of_today
 
 # tests draw with many more combinations of settings than a user, one after the other
 program.MOST_PROGRAMS = 400
 
-# tests that alone may notice a broken line
-NEEDED = {mutant.test for mutant in MUTANTS}
 # of all tests of the files that are collected, chosen or not, whether they are long
 LONG = pytest.StashKey[dict[str, bool]]()
 
@@ -52,32 +46,13 @@ def skip_without_compute_shaders() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Of a test marked few(n), all cases but n are long; these are spread over the product of its parameters, beside
-    those that mutants name. Of the long cases of a test marked turns(n), all but those of the day are marked `later`.
-    Cases whose technique is tiles are marked `compute`.
-    """
+    """Marks cases by tiles `compute`, and others `long` and `later`."""
     for item in items:
         if getattr(getattr(item, "callspec", None), "params", {}).get("technique") == "tiles":
             item.add_marker("compute")
-    for count, found in _cases(items, "few"):
-        quick = {int(len(found) * ((k + 0.5) * GOLDEN % 1)) for k in range(count)}
-        for number in set(range(len(found))) - quick:
-            if found[number].nodeid not in NEEDED:
-                found[number].add_marker("long")
-    for count, found in _cases(items, "turns"):
-        long = [item for item in found if item.get_closest_marker("long")]
-        for item in set(long) - set(of_today(long, count)):
-            item.add_marker("later")
+    mark_long(items)
+    mark_later(items)
     config.stash[LONG] = {item.nodeid: item.get_closest_marker("long") is not None for item in items}
-
-
-def _cases(items: list[pytest.Item], marker: str) -> list[tuple[int, list[pytest.Item]]]:
-    """(number that the marker states, cases) of each test that has the marker."""
-    cases: dict[str, list[pytest.Item]] = {}
-    for item in items:
-        if item.get_closest_marker(marker):
-            cases.setdefault(item.nodeid.split("[")[0], []).append(item)
-    return [(found[0].get_closest_marker(marker).args[0], found) for found in cases.values()]  # type: ignore[union-attr]
 
 
 @pytest.fixture

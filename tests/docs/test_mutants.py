@@ -7,7 +7,6 @@ import sys
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
 import mutants
 from mutants import MUTANTS, Mutant
 
-from tests.conftest import pytest_collection_modifyitems
+from tests.helpers.marks import mark_later, mark_long
 
 ROOT = Path(__file__).parents[2]
 # folders of what computes, but of those that scripts/test does not try; least numbers of files, and of shaders
@@ -88,12 +87,12 @@ class Case:
 def test_long_cases_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Within three days each long case once, and the quick ones each day."""
     monkeypatch.setattr(mutants.datetime, "date", Today)
-    config: Any = SimpleNamespace(stash={})
     marks = {"few": pytest.mark.few(2).mark, "turns": pytest.mark.turns(3).mark}
     runs = Counter[str]()
     for Today.number in range(3):
         cases = [Case(f"test_drawn[{n}]", dict(marks)) for n in range(12)]
-        pytest_collection_modifyitems(config, cases)  # type: ignore[arg-type]
+        mark_long(cases)  # type: ignore[arg-type]
+        mark_later(cases)  # type: ignore[arg-type]
         runs.update(case.nodeid for case in cases if "later" not in case.marks)
     assert sorted(runs.values()) == [1] * 10 + [3] * 2
 

@@ -174,6 +174,7 @@ def worst(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings:
     return max(apart) / (float(right.max()) if settings.blend == "xray" else 1.0)
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("grid", "where", "blend"),
@@ -213,6 +214,7 @@ def test_attenuation(attenuation: str, renderer: sg.Renderer) -> None:
     assert worst(renderer, noise("boxes"), camera, SPLATS.but(attenuation=attenuation)) < 3e-5
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("name", "planes", "blend"),

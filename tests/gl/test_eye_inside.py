@@ -13,6 +13,7 @@ from tests.helpers.noise import GRIDS, LOOKS, inside, noise
 from tests.helpers.splatting import SPLATS, each_two
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("look", "grid", "blend"), each_two(LOOKS, GRIDS, ("composite", "xray", "mip")))
 def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, look: tuple[float, ...], grid: str, blend: Any) -> None:

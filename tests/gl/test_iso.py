@@ -176,6 +176,7 @@ AGREEING = [
 ]
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(5)
 @pytest.mark.parametrize(("kind", "change", "way"), AGREEING)
 def test_pictures_agree_with_float64(draw: Any, kind: str, change: str, way: tuple[str, str]) -> None:

@@ -72,6 +72,7 @@ def twin_error(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, sett
     return error / max(float(right.max()), 1.0)
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(5)
 @pytest.mark.parametrize(("view", "move", "spacing"), each_two(CAMERAS, MOVES, SPACINGS))
 def test_exact_streaks_are_their_twin(renderer: sg.Renderer, view: str, move: str, spacing: str) -> None:
@@ -81,6 +82,7 @@ def test_exact_streaks_are_their_twin(renderer: sg.Renderer, view: str, move: st
         assert twin_error(renderer, splats, camera, settings, move) < limit
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(6)
 @pytest.mark.parametrize("spacing", SPACINGS)
 @pytest.mark.parametrize("changes", [
@@ -101,6 +103,7 @@ def test_every_form_is_its_twin(renderer: sg.Renderer, spacing: str, changes: di
         assert twin_error(renderer, cloud(spacing), CAMERAS[view], settings, "spins") < TWIN
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(4)
 @pytest.mark.parametrize("spacing", SPACINGS)
 @pytest.mark.parametrize("align", ["ray", "grid", "hybrid"])
@@ -136,6 +139,7 @@ def quads(renderer: sg.Renderer) -> set[object]:
     return {key for key in renderer.passes.device.programs.kept if key[0][0] == "splat.vert"}
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(5)
 @pytest.mark.parametrize("blend", ["composite", "xray"])
 @pytest.mark.parametrize("view", CAMERAS)

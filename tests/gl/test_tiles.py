@@ -31,6 +31,7 @@ def apart(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings:
     return float(np.abs(found - quads).max() / max(quads.max(), 1.0))
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(5)
 @pytest.mark.parametrize(("grid", "view", "blend"), each_two(GRIDS, views(noise()), ("composite", "xray", "mip")))
 def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, grid: str, view: str, blend: str) -> None:
@@ -59,6 +60,7 @@ def test_what_follows_and_other_footprints_are_the_same(renderer: sg.Renderer, c
     assert apart(renderer, splats, views(splats)["fitted"], SPLATS.but(occlusion="off", **change)) < SAME
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(4)
 @pytest.mark.parametrize(
     "portions",

@@ -201,6 +201,7 @@ def test_outlines_of_near_kernels(twin: Twin, rng: np.random.Generator) -> None:
     assert np.abs(found / near_reach(plan.view, distance) - 1).max() < 1e-5
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(12)
 @pytest.mark.parametrize("grid", GRIDS)
 @pytest.mark.parametrize("view", ["far", "fitted", "close", "wide", "parallel", "parallel, far", "inside"])

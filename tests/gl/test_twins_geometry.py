@@ -113,6 +113,7 @@ def seen(grid: str, name: str, **change: object) -> tuple[sg.Splats, GridView, P
     return splats, plan.view, plan
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(8)
 @pytest.mark.parametrize("blur_width", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize(("grid", "name"), CASES)
@@ -170,6 +171,7 @@ def test_planes_that_touch_a_kernel(grid: str, twin: Twin, rng: np.random.Genera
     assert np.abs(found / right - 1).max() < 2e-3
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(16)
 @pytest.mark.parametrize("align", ["ray", "grid"])
 @pytest.mark.parametrize(("grid", "name"), CASES)
@@ -192,6 +194,7 @@ def test_quads_of_table_1(align: str, grid: str, name: str, twin: Twin, rng: np.
     assert np.abs(found - rights).max() < 2e-5 * max(rights.max(), 1.0)
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(8)
 @pytest.mark.parametrize(("grid", "name"), CASES)
 def test_corners(grid: str, name: str, twin: Twin, rng: np.random.Generator) -> None:
@@ -207,6 +210,7 @@ def test_corners(grid: str, name: str, twin: Twin, rng: np.random.Generator) -> 
     assert np.abs(found - right).max() < 2e-5 * np.abs(right).max() + 2e-7
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(8)
 @pytest.mark.parametrize(("grid", "name"), CASES)
 def test_planar_projections(grid: str, name: str, twin: Twin, rng: np.random.Generator) -> None:

@@ -60,6 +60,7 @@ PLACES = (
 )
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("technique", "blend", "place"), spread(12, TECHNIQUES, (*BLENDED, "xray"), PLACES), ids=str)
 def test_the_picture_is_its_twin(

@@ -68,6 +68,7 @@ def differences(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, set
     return np.abs(found - right)
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(1)
 @pytest.mark.parametrize("technique", ["tiles", "quads"])
 @pytest.mark.parametrize(
@@ -368,6 +369,7 @@ def test_steep_and_constant_transfer_functions(renderer: sg.Renderer, points: li
     assert differences(renderer, splats, eyes(splats)["fitted"], settings).max() < 5e-3
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(1)
 @pytest.mark.parametrize("width", [3.0, 1.0, 1e-2, 1e-6])
 @pytest.mark.parametrize("view", ["along", "oblique"])

@@ -43,6 +43,7 @@ def difference(splats: sg.Splats, camera: sg.Camera, settings: sg.Settings, row:
     return found.maximum / found.peak
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(1)
 @pytest.mark.parametrize("row", ROWS)
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
@@ -55,6 +56,7 @@ def test_every_blend_near_and_far(splats: sg.Splats, row: str, blend: str, rende
             assert difference(splats, camera, asked, row, renderer) < TABLE
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(3)
 @pytest.mark.parametrize(
     "asked",

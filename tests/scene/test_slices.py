@@ -62,6 +62,7 @@ def test_planes_in_fog(depth: float, opacity: float, renderer: sg.Renderer) -> N
     assert picture.info["triangles"] == 2
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(4)
 @pytest.mark.parametrize("grid", ["cubes", "sheared", "1:2:5"])
 @pytest.mark.parametrize("where", ["z=6.3", "oblique"])

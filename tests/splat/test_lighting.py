@@ -28,6 +28,7 @@ def slope(tilt: tuple[float, float]) -> sg.Volume:
     return sg.Volume(100 + normal[0] * x + normal[1] * y + normal[2] * z)
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(6)
 @pytest.mark.parametrize("name", list(LIGHTS))
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (30.0, 0.0), (-35.0, 35.0), (-20.0, 15.0), (10.0, -60.0)])

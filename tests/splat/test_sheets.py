@@ -72,6 +72,7 @@ def apart(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings:
     return float(np.abs(found - right).max())
 
 
+@pytest.mark.turns(2)
 @pytest.mark.few(3)
 @pytest.mark.parametrize("technique", TECHNIQUES)
 @pytest.mark.parametrize(
