@@ -278,7 +278,7 @@ class Recorder(Programs):
         """Composes the programs of tiles. around: switches of sheets around the eye."""
         sheets = program.look.sheets > 0
         for ordered, culled in [(True, False)] if sheets else product((True, False), repeat=2):
-            self.for_screen("tile_place.frag", program, {"ORDERED": ordered, "CULLED": culled})
+            self.for_screen("tile_project.frag", program, {"ORDERED": ordered, "CULLED": culled})
         for name, switches in LISTING[self.shape.name]:
             if sheets or name not in SORTING:
                 self.for_tiles(name, program, switches)

@@ -10,13 +10,13 @@ import moderngl
 import numpy as np
 
 from splatgl.errors import InputError
+from splatgl.gl.adaptive_samples import SingleSamples
 from splatgl.gl.buffers import DrawOrder, clear_buffer, free, most_block
 from splatgl.gl.device import Device
 from splatgl.gl.meshes import Limits
 from splatgl.gl.program import set_uniforms
 from splatgl.gl.shader import PAGE
 from splatgl.gl.sheet_tiles import SheetTiles
-from splatgl.gl.spared_tiles import SingleSamples
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.tiles import LISTS, Band, SplatTiles, tile_counts
 from splatgl.planning.culling import Window, order_for

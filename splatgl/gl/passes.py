@@ -12,6 +12,7 @@ import numpy as np
 
 from splatgl.data.color import light_of_display
 from splatgl.data.mesh import Mesh
+from splatgl.gl.adaptive_samples import AdaptiveSamples, SingleSamples
 from splatgl.gl.buffers import DrawOrder, free
 from splatgl.gl.device import Device
 from splatgl.gl.features import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
@@ -22,7 +23,6 @@ from splatgl.gl.program import cover
 from splatgl.gl.quads import Quads, SheetQuads
 from splatgl.gl.shader import Shape
 from splatgl.gl.sheet_tiles import Batches, SheetTiles
-from splatgl.gl.spared_tiles import AdaptiveSamples, SingleSamples
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.tiles import SplatTiles, Tiles
 from splatgl.planning.culling import Window, clip_behind_eye, order_for, visible_boxes

@@ -199,7 +199,7 @@ class Projector:
 
     def _program(self, spec: Spec, switches: dict[str, bool]) -> moderngl.Program:
         plan = spec.plan
-        program = self.programs.for_screen("tile_place.frag", plan.program, switches)
+        program = self.programs.for_screen("tile_project.frag", plan.program, switches)
         single = plan.program.footprint == "single"
         reach = single_reach(plan.kernel.name, plan.resolved.tolerance) if single else 1.0
         set_uniforms(program, reach=reach, **spec.uniforms)

@@ -244,7 +244,7 @@ def _is_ahead(splats: Splats, camera: Camera, slack: float) -> np.ndarray:
     return np.asarray(splats.positions @ normal + offset >= -slack)
 
 
-# splats per block: BLOCK in tile_place.frag
+# splats per block: BLOCK in tile_project.frag
 BLOCK = 256
 # pixels added around the picture, since a tile may cross its edge
 BLOCK_MARGIN = 8

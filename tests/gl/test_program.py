@@ -89,7 +89,7 @@ def distinct(found: set[Program]) -> set[tuple[object, ...]]:
         switches = splat_switches(program)
         parts = []
         if program.technique == "tiles":
-            parts = [("tile_place.frag", "ORDERED"), ("tile_place.frag", "CULLED")]
+            parts = [("tile_project.frag", "ORDERED"), ("tile_project.frag", "CULLED")]
             kinds = [("sheet_draw.comp", "CARRIED"), ("sheet_sort.comp", "COUNTING"), ("sheet_sort.comp", "CLUSTERED")]
             parts += kinds if program.look.sheets else [("tile_draw.comp", "CARRIED")]
         elif program.look.sheets:
@@ -121,7 +121,7 @@ STAGES: dict[str, tuple[str, dict[str, str | int]]] = {
         for name in ("WEIGHTED", "REGIONS", "CLIPPED", "MASKED", "ISO")
     },
     **{name: ("sheet_close.frag", {"SHEETS": 2, "STEPS": 1}) for name in ("LIGHT", "SKY", "SHADOWS")},
-    "PACKED": ("tile_place.frag", {"SHEETS": 2, "STEPS": 1}),
+    "PACKED": ("tile_project.frag", {"SHEETS": 2, "STEPS": 1}),
     "BOXES": ("splat.frag", {}),
 }
 
@@ -169,5 +169,5 @@ def test_programs_of_sheets_compile(renderer: sg.Renderer) -> None:
     stages = {name for name, *_ in some}
     print(f"{len(some)} of {len(keys)} programs")
     quads = {"splat", "sheet_close.frag", "sheet_show.frag"}
-    assert stages == quads | {"tile_place.frag", "sheet_draw.comp", "sheet_sort.comp"}
+    assert stages == quads | {"tile_project.frag", "sheet_draw.comp", "sheet_sort.comp"}
     compiles(renderer, some)

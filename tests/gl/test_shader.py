@@ -69,7 +69,7 @@ def test_mistakes_are_errors(files: dict[str, str], message: str, shaders: Path)
 
 
 def test_only_compute_shaders_and_what_feeds_them_ask_for_more_than_3_3() -> None:
-    newer = {path.name for path in folder().iterdir() if path.suffix == ".comp"} | {"tile_place.frag"}
+    newer = {path.name for path in folder().iterdir() if path.suffix == ".comp"} | {"tile_project.frag"}
     for path in folder().iterdir():
         if path.suffix != ".glsl":
             version = "430" if path.name in newer else "330"

@@ -229,7 +229,7 @@ def test_limits_of_opengl() -> None:
         if text.version >= 430:
             assert found["outputs"] + found["storage"] + found["images"] <= 8, text.name
     # what is counted is there
-    assert most["tile_place.frag", "outputs"] == 7 and most["splat.frag", "outputs"] == 8
+    assert most["tile_project.frag", "outputs"] == 7 and most["splat.frag", "outputs"] == 8
     assert most["sheet_draw.comp", "storage"] > 3 and most["sheet_draw.comp", "textures"] > 5
     assert most["splat.vert", "varyings"] > 9 and most["layers_over.comp", "uniforms"] > 20
     assert most["sheet_draw.comp", "shared"] > 1000

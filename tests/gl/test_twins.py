@@ -47,7 +47,7 @@ PLUMBING = {
     # lists on a card, which tests/gl/test_card_lists.py compares
     *("begin_state", "blocks_of", "count_pairs", "first_sheet_of", "scan_group", "scanned_before", "set_entries"),
     *("set_state", "splat_of", "tile_number", "tiles_of"),
-    # pixels of one sample, which tests/gl/test_spared_tiles.py compares
+    # pixels of one sample, which tests/gl/test_adaptive_samples.py compares
     *("between", "is_single"),
     # quads on a card, which tests/gl/test_shapes.py compares
     *("filtered", "give_place", "quad_place"),

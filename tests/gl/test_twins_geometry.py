@@ -317,7 +317,7 @@ def test_ellipses_hold_footprints_near_the_eye(twin: Twin, rng: np.random.Genera
         view = plan.view
         center, half = rng.uniform(-50, 50, (2, COUNT)), rng.uniform(1, 90, COUNT)
         expression = "result.x = form_radius(vec3(0.0, 0.0, 9.0), c, h, vec3(1.0))"
-        found = twin("tile_place.frag", expression, plan, splats, c=center.T, h=half)[:, 0]
+        found = twin("tile_project.frag", expression, plan, splats, c=center.T, h=half)[:, 0]
         assert np.abs(found / form_radius(view, center, half) - 1).max() < 1e-5
         voxel = view.voxels(rng.uniform(-12, 24, (COUNT, 3)))
         voxel = voxel[:, voxel[2] > 1.5 * view.reach]

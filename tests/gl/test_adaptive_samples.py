@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.gl import adaptive_samples, tiles
 from splatgl.gl import layers as layers_in_tiles
-from splatgl.gl import spared_tiles, tiles
+from splatgl.gl.adaptive_samples import SingleSamples
 from splatgl.gl.context import current
-from splatgl.gl.spared_tiles import SingleSamples
 from splatgl.gl.target import Portions
 from splatgl.planning.culling import Window
 from splatgl.planning.resolve import SPARED_SHARE
@@ -103,7 +103,7 @@ def test_cancelled_pictures_leave_no_trace(
 ) -> None:
     """Cancelled between any two dispatches of either pass, in several bands; then more bands than there were parts."""
     monkeypatch.setattr(tiles, "ENTRIES", 200)
-    monkeypatch.setattr(spared_tiles, "MOST_PIXELS", 72 * 24)
+    monkeypatch.setattr(adaptive_samples, "MOST_PIXELS", 72 * 24)
     camera = sg.Camera.orbit(ball, 30, 20, size=(72, 72))
     asked: list[bool] = []
     right = renderer.render(ball, camera, interrupted=lambda: asked.append(False) or False, verify_bound=False).pixels
@@ -118,7 +118,7 @@ def test_cancelled_pictures_are_no_part_of_others(
     renderer: sg.Renderer, ball: sg.Splats, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a cancelled picture of one sample a pixel, nothing is in one of all samples where that is empty."""
-    monkeypatch.setattr(spared_tiles, "MOST_NEEDED", 1.0)
+    monkeypatch.setattr(adaptive_samples, "MOST_NEEDED", 1.0)
     near, far = (sg.Camera.orbit(each, 30, 20, size=(72, 72)) for each in (ball, sg.scenes.ball(7)))
     right = renderer.render(ball, near, ALL, verify_bound=False).pixels
     asked: list[bool] = []
