@@ -127,7 +127,7 @@ class Subject:
         spin = changes.pop("spin", None)
         if "clip" in changes:
             changes["clip"] = tuple((*plane[:3], plane[3] * self.voxels) for plane in changes["clip"])
-        return settings.but(**changes), sg.Motion(spin=(0, 0, spin)) if spin else None
+        return settings.replace(**changes), sg.Motion(spin=(0, 0, spin)) if spin else None
 
     def scene(self, name: str) -> tuple[sg.Splats | sg.Scene, sg.Camera, sg.Settings]:
         """Subject, camera and settings of one of SCENES, which `reference.render` draws too."""
@@ -135,18 +135,18 @@ class Subject:
         masked = apply_mask(self.volume, make_mask(self.segments.samples > 0, self.volume))
         labels = sg.extract(self.segments, sg.default_transfer(self.segments))
         return {
-            "mask": (sg.extract(masked, self.transfer), self.camera, plain.but(shadows=0.5)),
+            "mask": (sg.extract(masked, self.transfer), self.camera, plain.replace(shadows=0.5)),
             "labels": (labels, self.camera, plain),
             "inside": (self.splats, self.inside, plain),
             "parallel": (self.splats, self.camera.parallel(self.volume), plain),
             "layers": (sg.Scene(self.layers), self.camera, plain),
             "layers inside": (sg.Scene(self.layers), self.inside, plain),
             "layers parallel": (sg.Scene(self.layers), self.camera.parallel(self.volume), plain),
-            "layers of voxels": (sg.Scene(self.layers), self.camera, plain.but(classification="pre")),
-            "layers' sums": (sg.Scene(self.layers), self.camera, plain.but(blend="xray")),
+            "layers of voxels": (sg.Scene(self.layers), self.camera, plain.replace(classification="pre")),
+            "layers' sums": (sg.Scene(self.layers), self.camera, plain.replace(blend="xray")),
             "meshes": (sg.Scene(ball, meshes=self.meshes), self.camera, plain),
             "meshes, labels": (sg.Scene(self.layers[1:2], meshes=self.meshes), self.camera, plain),
-            "meshes, voxels": (sg.Scene(ball, meshes=self.meshes), self.camera, plain.but(classification="pre")),
+            "meshes, voxels": (sg.Scene(ball, meshes=self.meshes), self.camera, plain.replace(classification="pre")),
             "meshes, layers": (sg.Scene(self.layers, meshes=self.meshes), self.camera, plain),
         }[name]
 
@@ -184,7 +184,7 @@ def draw_parts(subject: Subject, renderer: sg.Renderer, name: str) -> np.ndarray
     shells = bricks.shells(plan.resolved.sheets, plan.view, 2)
     parts = [bricks.within(plan.resolved.sheets, plan.view, shell) for shell in shells]
     near, far = (renderer.render_part(part, subject.camera, settings) for part in parts)
-    joined = join_samples(plan.program.look.join, near, far)
+    joined = join_samples(plan.program.appearance.join, near, far)
     return renderer.render_joined(bricks, subject.camera, settings, joined, 0).pixels
 
 
@@ -204,7 +204,9 @@ def draw_notebook(subject: Subject, renderer: sg.Renderer, name: str) -> np.ndar
     from splatgl.viewer.notebook import Session
 
     session = Session(scene_of(subject.volume, subject.transfer, None, None, {"size": subject.size}))
-    return finished(lambda: session.frame() is None and session.patience() is None, lambda: session.image.pixels)
+    return finished(
+        lambda: session.frame() is None and session.seconds_until_due() is None, lambda: session.image.pixels
+    )
 
 
 def draw_window(subject: Subject, renderer: sg.Renderer, name: str) -> np.ndarray:

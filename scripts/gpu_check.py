@@ -34,7 +34,7 @@ import splatgl as sg
 from splatgl.cli.doctor import check_line
 from splatgl.errors import InputError
 from splatgl.fileio import check_output, write_file
-from splatgl.gl.buffers import DrawOrder, Instances, Textured
+from splatgl.gl.buffers import DrawOrder, InstanceBuffer, SplatTextures
 from splatgl.gl.card_lists import CardLists
 from splatgl.gl.context import current
 from splatgl.gl.selfcheck import run_checks
@@ -201,7 +201,7 @@ def compared(renderers: Renderers, subject: Subject, size: int, until: float) ->
     """Draws a subject in all ways, even after `until`: a single image cannot be compared."""
     right: Pixels | None = None
     for way, (technique, shape) in WAYS.items():
-        what, settings = f"{subject.at(size)} by {way}", subject.settings.but(technique=technique)
+        what, settings = f"{subject.at(size)} by {way}", subject.settings.replace(technique=technique)
         renderer = renderers[shape]
         try:
             renderer.plan(subject.splats, subject.camera(size), settings)
@@ -242,7 +242,7 @@ def draw_by(
     allowed = pixels[1] + (0.0 if right is None else right[1])
     label = subject.scene, subject.look, size, way, len(subject.splats)
     upload = time_upload(renderer, subject.splats, settings.technique)
-    auto = renderer.plan(subject.splats, camera, settings.but(technique="auto")).program.technique
+    auto = renderer.plan(subject.splats, camera, settings.replace(technique="auto")).program.technique
     stages = stage_times(renderer, draw) if way == "tiles" else {}
     return Frame(*label, first, upload, statistics.median(times), apart, allowed, auto, stages), pixels
 
@@ -303,7 +303,7 @@ def errors(renderers: Renderers, short: bool, until: float) -> Iterator[Measured
         content = subject.volume, sg.default_transfer(subject.volume)
         field = field_integral(*content, camera, steps_per_voxel=STEPS)
         for way, (technique, shape) in WAYS.items():
-            settings = subject.settings.but(technique=technique)
+            settings = subject.settings.replace(technique=technique)
             draw = partial(renderers[shape].render, subject.splats, camera, settings, verify_bound=False)
             try:
                 timed(draw)
@@ -325,7 +325,7 @@ def time_upload(renderer: sg.Renderer, splats: sg.Splats, technique: str) -> flo
     times = []
     with current(renderer.ctx):
         for _ in range(UPLOADS):
-            textures, instances = Textured(renderer.ctx, splats), Instances(renderer.ctx)
+            textures, instances = SplatTextures(renderer.ctx, splats), InstanceBuffer(renderer.ctx)
             renderer.ctx.finish()
             started = time.perf_counter()
             if technique == "tiles":

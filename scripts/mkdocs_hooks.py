@@ -15,7 +15,7 @@ from paper.tables import Table
 from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.cli.main import COMMANDS, _parser
 from splatgl.options import declared
-from splatgl.planning.technique import TECHNIQUES, table_of_refusals
+from splatgl.planning.technique import TECHNIQUES, table_of_unsupported
 from splatgl.report.page import REGISTRY, registry
 from splatgl.splat.settings import Settings
 from splatgl.viewer import commands
@@ -100,7 +100,7 @@ TABLES = {
     "annotations": annotations,
     "keys": keys,
     "methods": methods,
-    "techniques": lambda: Table(("setting", *TECHNIQUES), tuple(table_of_refusals())).markdown(),
+    "techniques": lambda: Table(("setting", *TECHNIQUES), tuple(table_of_unsupported())).markdown(),
 }
 """Tables by the name that a page gives in `<!-- table: NAME -->`."""
 

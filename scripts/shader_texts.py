@@ -24,7 +24,7 @@ import numpy as np
 import splatgl as sg
 from splatgl.data.volume import Label
 from splatgl.gl.program import Chosen, Programs
-from splatgl.gl.shader import SHAPES, Shape, compose, declared_switches
+from splatgl.gl.shader import SHAPES, ComputeShape, compose, declared_switches
 from splatgl.planning.plan import Plan, Program
 from splatgl.splat.sheets import NearField
 
@@ -212,7 +212,7 @@ def plan_of(picture: Picture) -> Plan:
 class Recorder(Programs):
     """Programs that are composed and never compiled, as drawing asks for them."""
 
-    def __init__(self, shape: Shape) -> None:
+    def __init__(self, shape: ComputeShape) -> None:
         super().__init__(cast(Any, None), ExitStack(), shape)
         self.picture = ""
         # by shader and source: two pictures may need the same text
@@ -243,7 +243,7 @@ class Recorder(Programs):
             self._tiles(program, around, most)
             return
         # layers and meshes are drawn in the order of depth
-        mixed = program.look.hides and (program.boxes or sheets is not None)
+        mixed = program.appearance.hides and (program.boxes or sheets is not None)
         for options in choices(("LIMITED", "SLOTTED") if mixed and program.boxes else (), most):
             self.for_splats(program, dict.fromkeys(options, True))
         for count in LAYERS * mixed:
@@ -251,7 +251,7 @@ class Recorder(Programs):
         if sheets is not None:
             for options in choices(("LIMITED", "PIECE") if mixed else (), most):
                 self.for_screen("sheet_close.frag", program, {**dict.fromkeys(options, True), **around})
-            if program.look.shows_value:
+            if program.appearance.shows_value:
                 self.for_screen("sheet_show.frag", program)
 
     def meshes(self) -> None:
@@ -276,7 +276,7 @@ class Recorder(Programs):
 
     def _tiles(self, program: Program, around: dict[str, bool], most: int) -> None:
         """Composes the programs of tiles. around: switches of sheets around the eye."""
-        sheets = program.look.sheets > 0
+        sheets = program.appearance.sheets > 0
         for ordered, culled in [(True, False)] if sheets else product((True, False), repeat=2):
             self.for_screen("tile_project.frag", program, {"ORDERED": ordered, "CULLED": culled})
         for name, switches in LISTING[self.shape.name]:
@@ -284,7 +284,7 @@ class Recorder(Programs):
                 self.for_tiles(name, program, switches)
         drawing = "sheet_draw.comp" if sheets else "box_draw.comp" if program.boxes else "tile_draw.comp"
         # layers and meshes are drawn in the order of depth
-        mixed = program.look.hides and drawing != "tile_draw.comp"
+        mixed = program.appearance.hides and drawing != "tile_draw.comp"
         for options in choices(("CARRIED", "LIMITED", "LAYERED") if mixed else ("CARRIED",), most):
             self.for_tiles(drawing, program, {**dict.fromkeys(options, True), **around})
         for count in LAYERS * mixed:
@@ -331,7 +331,7 @@ def plans(most: int) -> Iterator[tuple[str, Plan, int]]:
                 yield "+".join(filter(None, (kind, *names))) or "default", plan, most - len(names)
 
 
-def programs(shape: Shape, most: int = 2) -> list[tuple[Text, ...]]:
+def programs(shape: ComputeShape, most: int = 2) -> list[tuple[Text, ...]]:
     """Returns the texts of the stages of all programs. shape: of compute shaders. most: changes made together."""
     recorder = Recorder(shape)
     for name, plan, left in plans(most):

@@ -19,7 +19,7 @@ from splatgl.options import SIZE, declared, is_number, nearest
 Target = TypeVar("Target")
 
 
-class Form(NamedTuple):
+class ArgumentType(NamedTuple):
     """A type of arguments. this: its description in messages. take: returns the converted value, by it and the other
     arguments; raises TypeError or ValueError for other values.
     """
@@ -28,7 +28,7 @@ class Form(NamedTuple):
     take: Callable[[Any, Mapping[str, Any]], Any]
 
 
-def _plain(this: str, *types: type) -> Form:
+def _plain(this: str, *types: type) -> ArgumentType:
     """Values of some types, as they are."""
 
     def take(value: Any, _: Mapping[str, Any]) -> Any:
@@ -36,10 +36,10 @@ def _plain(this: str, *types: type) -> Form:
             raise TypeError
         return value
 
-    return Form(this, take)
+    return ArgumentType(this, take)
 
 
-def _fitting(this: str, fits: Callable[[Any], bool]) -> Form:
+def _fitting(this: str, fits: Callable[[Any], bool]) -> ArgumentType:
     """Values that fit, as they are."""
 
     def take(value: Any, _: Mapping[str, Any]) -> Any:
@@ -47,7 +47,7 @@ def _fitting(this: str, fits: Callable[[Any], bool]) -> Form:
             raise TypeError
         return value
 
-    return Form(this, take)
+    return ArgumentType(this, take)
 
 
 def _take_array(value: Any, _: Mapping[str, Any]) -> Any:
@@ -77,12 +77,12 @@ def is_scene(x: Any) -> bool:
     return is_instance(x, "Scene") or plotted
 
 
-def _instance(name: str) -> Form:
+def _instance(name: str) -> ArgumentType:
     """Objects of a class of this package, of which only the name is known."""
     return _fitting(_NAMED.get(name, f"a {name}"), lambda value: is_instance(value, name))
 
 
-def _made(name: str, this: str, place: str) -> Form:
+def _made(name: str, this: str, place: str) -> ArgumentType:
     """Objects of a class of this package, and what module:function makes one of."""
 
     def take(value: Any, others: Mapping[str, Any]) -> Any:
@@ -91,11 +91,11 @@ def _made(name: str, this: str, place: str) -> Form:
         module, _, function = place.partition(":")
         return getattr(import_module(module), function)(value, others)
 
-    return Form(this, take)
+    return ArgumentType(this, take)
 
 
 _NUMBERS = _fitting("some numbers", _has_numbers)
-_ARRAY = Form("an array of numbers", _take_array)
+_ARRAY = ArgumentType("an array of numbers", _take_array)
 # classes whose objects stay as they are, and descriptions that are not their names
 _CLASSES = (
     *("Bricks", "Camera", "Drawing", "Image", "Layer", "LoadOptions", "Mesh", "Motion", "OptionGroup", "Points"),
@@ -110,7 +110,7 @@ FORMS = {
     "bool": _plain("true or false", bool, np.bool_),
     "float": _fitting("a number", is_number),
     "int": _fitting("a whole number", _is_whole),
-    "Size": Form(SIZE.this, lambda value, _: SIZE.check(value)),
+    "Size": ArgumentType(SIZE.this, lambda value, _: SIZE.check(value)),
     "Kernel": _fitting("a kernel, such as a PiecewiseCubic", lambda value: hasattr(value, "footprint")),
     "Client": _fitting("a client of Dask", lambda value: hasattr(value, "submit")),
     **dict.fromkeys(("Vector", "Triple", "Places", "Color"), _NUMBERS),
@@ -138,7 +138,7 @@ MADE = {
 PART = re.compile(r"(?:[^|\[\]]|\[(?:[^\[\]]|\[[^\]]*\])*\])+")
 
 
-def _sequence(inner: str) -> Form:
+def _sequence(inner: str) -> ArgumentType:
     """Several values of a type."""
     if re.fullmatch(r"(float|int)(, (float|int|\.\.\.))*", inner):
         return _NUMBERS
@@ -149,11 +149,11 @@ def _sequence(inner: str) -> Form:
             raise TypeError
         return tuple(form.take(item, others) for item in value) if form else value
 
-    return Form(f"a sequence of {form.this}" if form else "a sequence", take)
+    return ArgumentType(f"a sequence of {form.this}" if form else "a sequence", take)
 
 
 @cache
-def form_of(hint: str) -> Form | None:
+def form_of(hint: str) -> ArgumentType | None:
     """The form of a type, as it stands in an annotation; None if a part of it has none. `Any` in a union stands for
     what makes an object of its other parts.
     """
@@ -175,7 +175,7 @@ def form_of(hint: str) -> Form | None:
                 continue
         raise TypeError
 
-    return Form(" or ".join(form.this for form in known), take)
+    return ArgumentType(" or ".join(form.this for form in known), take)
 
 
 def _got(value: Any) -> str:
@@ -209,7 +209,7 @@ def _checked(function: Any, others: Collection[str] = ()) -> Any:
     code, hints = function.__code__, function.__annotations__
     names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
     is_open = bool(code.co_flags & CO_VARKEYWORDS) or bool(code.co_flags & CO_VARARGS)
-    forms: dict[str, Form] | None = None
+    forms: dict[str, ArgumentType] | None = None
 
     @wraps(function)
     def call(*args: Any, **named: Any) -> Any:

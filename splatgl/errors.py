@@ -27,7 +27,7 @@ def warn(notes: Iterable[str], of: object) -> None:
         warnings.warn(f"{of}: {note}", InputWarning, level)
 
 
-class Choice(InputError):
+class MissingOption(InputError):
     """Missing option: the file holds several things, of which the option picks one, or lacks what the option states.
 
     option: the reader option (a field of LoadOptions). choices: (name, description) of the possible choices, listed by
@@ -62,7 +62,9 @@ def error_prefix(what: str) -> Iterator[None]:
         yield
     except InputError as error:
         line = f"{what}: {error}"
-        raise Choice(line, error.option, error.choices) if isinstance(error, Choice) else InputError(line) from error
+        raise (
+            MissingOption(line, error.option, error.choices) if isinstance(error, MissingOption) else InputError(line)
+        ) from error
 
 
 # least similarity of a misspelt word to the one that is suggested

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal, TypeVar, get_args
 from splatgl.errors import SIMILAR, InputError, expected
 
 
-class Group(StrEnum):
+class HelpGroup(StrEnum):
     """Groups of options, in the order of `--help-all`."""
 
     VIEW = "view"
@@ -45,7 +45,7 @@ def is_number(value: object) -> bool:
 
 
 @dataclass(frozen=True)
-class Kind:
+class ValueKind:
     """Kind of value. this: its description in messages; written: of its text, unless that is metavar and `this`. check:
     returns the value that is stored, of a keyword or of TOML; read: the value of a command line's text. Both raise
     TypeError or ValueError for others. choices: its values, the default first. span: lowest and highest number. hint:
@@ -77,7 +77,7 @@ class Kind:
         return self.this or " or ".join(self.choices() if self.choices else ())
 
     @staticmethod
-    def choice(names: Any, this: str = "") -> Kind:
+    def choice(names: Any, this: str = "") -> ValueKind:
         """One of some names: a Literal or iterable of them, or a function that lists those known at the time."""
         fixed = get_args(names) or (() if isfunction(names) else tuple(names))
 
@@ -89,12 +89,12 @@ class Kind:
                 raise ValueError
             return value
 
-        return Kind(this, check, choices=known, hint=_literal(*fixed) if fixed else "str")
+        return ValueKind(this, check, choices=known, hint=_literal(*fixed) if fixed else "str")
 
     @staticmethod
     def number(
         this: str = "one finite number", low: float = -inf, high: float = inf, above: bool = False, metavar: str = "N"
-    ) -> Kind:
+    ) -> ValueKind:
         """A finite number from `low`, or above it, to `high`."""
 
         def check(value: Any) -> float:
@@ -102,10 +102,10 @@ class Kind:
                 raise ValueError
             return float(value)
 
-        return Kind(this, check, float, metavar, span=(low, high), hint="float")
+        return ValueKind(this, check, float, metavar, span=(low, high), hint="float")
 
     @staticmethod
-    def whole(low: int, high: float = inf, this: str = "", metavar: str = "N") -> Kind:
+    def whole(low: int, high: float = inf, this: str = "", metavar: str = "N") -> ValueKind:
         """A whole number from `low` to `high`."""
 
         def check(value: Any) -> int:
@@ -114,10 +114,10 @@ class Kind:
             return int(value)
 
         this = this or f"a whole number {f'from {low} to {high}' if high < inf else f'of at least {low}'}"
-        return Kind(this, check, int, metavar, span=(low, high), hint="int")
+        return ValueKind(this, check, int, metavar, span=(low, high), hint="int")
 
     @staticmethod
-    def one_of(*values: int) -> Kind:
+    def one_of(*values: int) -> ValueKind:
         """One of some whole numbers."""
         names = tuple(map(str, values))
 
@@ -127,10 +127,10 @@ class Kind:
             return int(value)
 
         this = f"{', '.join(names[:-1])} or {names[-1]}"
-        return Kind(this, check, int, "|".join(names), hint=_literal(*values))
+        return ValueKind(this, check, int, "|".join(names), hint=_literal(*values))
 
     @staticmethod
-    def instance(this: str, *types: type, metavar: str = "NAME") -> Kind:
+    def instance(this: str, *types: type, metavar: str = "NAME") -> ValueKind:
         """A value of some types; a bool is no number."""
 
         def check(value: Any) -> Any:
@@ -138,10 +138,10 @@ class Kind:
                 raise ValueError
             return value
 
-        return Kind(this, check, str, metavar, hint=" | ".join(kind.__name__ for kind in types))
+        return ValueKind(this, check, str, metavar, hint=" | ".join(kind.__name__ for kind in types))
 
     @staticmethod
-    def numbers(count: int, metavar: str, this: str = "", integers: bool = False, positive: bool = False) -> Kind:
+    def numbers(count: int, metavar: str, this: str = "", integers: bool = False, positive: bool = False) -> ValueKind:
         """A tuple of so many finite numbers: a sequence of them, or text in which commas or × separate them."""
         kind: Any = int if integers else float
 
@@ -159,12 +159,12 @@ class Kind:
             return tuple(map(kind, parts))
 
         this = this or f"{count} {'whole' if integers else 'finite'} numbers"
-        return Kind(this, check, read, metavar, hint="Numbers")
+        return ValueKind(this, check, read, metavar, hint="Numbers")
 
     @staticmethod
-    def interval() -> Kind:
+    def interval() -> ValueKind:
         """Two numbers, of which the first is below the second."""
-        pair = Kind.numbers(2, "LOW,HIGH", "finite low < high, as two numbers")
+        pair = ValueKind.numbers(2, "LOW,HIGH", "finite low < high, as two numbers")
 
         def check(value: Any) -> tuple[float, float]:
             low, high = pair.check(value)
@@ -175,10 +175,10 @@ class Kind:
         return replace(pair, check=check)
 
     @staticmethod
-    def picture_size() -> Kind:
+    def picture_size() -> ValueKind:
         """Width and height in pixels: two whole numbers, or text WIDTHxHEIGHT or of one number for a square."""
         this = "a width and a height of at least one whole pixel, such as 800x600"
-        pair = Kind.numbers(2, "W×H", this, integers=True, positive=True)
+        pair = ValueKind.numbers(2, "W×H", this, integers=True, positive=True)
 
         def read(text: str) -> tuple[int, int]:
             sides = [int(part) for part in text.lower().replace("×", "x").split("x")]
@@ -193,12 +193,12 @@ class Kind:
         return replace(pair, check=check, read=read, hint="int | str | Numbers")
 
     @staticmethod
-    def flag() -> Kind:
+    def flag() -> ValueKind:
         """True or false; the flag of the command line takes no value."""
-        return Kind.instance("true or false", bool, metavar="")
+        return ValueKind.instance("true or false", bool, metavar="")
 
 
-SIZE = Kind.picture_size()
+SIZE = ValueKind.picture_size()
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ class Option:
     field's. bare: value of the flag alone. repeat: whether the flag may be repeated.
     """
 
-    kind: Kind
+    kind: ValueKind
     help: str = ""
     group: str = ""
     level: Literal["basic", "more", "expert"] = "more"
@@ -234,7 +234,7 @@ class Option:
         return self.help.partition(". ")[0]
 
 
-def option(default: Any, kind: Kind, help: str = "", **more: Any) -> Any:
+def option(default: Any, kind: ValueKind, help: str = "", **more: Any) -> Any:
     """A field of a dataclass that declares an option; more: further fields of Option."""
     return field(default=default, metadata={"option": Option(kind, help, **more)})
 
@@ -286,7 +286,7 @@ def by_fields(options: Mapping[str, Any], *records: Any) -> dict[str, Any]:
         value = options[flag_name(option)]
         if not option.is_bare:
             found[name] = value
-        elif checked(Kind.flag(), flag_name(option), value):
+        elif checked(ValueKind.flag(), flag_name(option), value):
             found[name] = option.bare
     return found
 
@@ -315,7 +315,7 @@ def check_options(record: Any, prefix: str = "") -> None:
             object.__setattr__(record, item.name, checked(item.metadata["option"].kind, prefix + item.name, value))
 
 
-def checked(kind: Kind, name: str, value: Any) -> Any:
+def checked(kind: ValueKind, name: str, value: Any) -> Any:
     """The stored value for a value of a kind. Raises InputError naming the option."""
     try:
         return kind.check(value)
@@ -330,7 +330,7 @@ def non_default(record: Any) -> dict[str, Any]:
     return {f.name: value for f in fields(record) if (value := getattr(record, f.name)) != f.default}
 
 
-def refuse_unknown(what: str, names: Iterable[str], known: Iterable[str], this: str = "") -> None:
+def reject_unknown(what: str, names: Iterable[str], known: Iterable[str], this: str = "") -> None:
     """InputError for names that are not known. this: a description of the known names."""
     known = list(known)
     unknown = [name for name in names if name not in known]
@@ -348,7 +348,7 @@ class OptionGroup:
     record: ClassVar[Any] = None
 
     def __init__(self, **options: Any) -> None:
-        refuse_unknown(type(self).__name__, options, self.known)
+        reject_unknown(type(self).__name__, options, self.known)
         if self.record is not None:
             self.record(**{name: value for name, value in options.items() if name in declared(self.record)})
         self.options = options

@@ -133,9 +133,9 @@ def measure(renderer: sg.Renderer, data: Path | None) -> Iterator[Row]:
             samples = samples_for(splats, camera)
             if samples > 64 or samples * camera.size[0] > LARGEST:
                 continue
-            truth = SPLATS.but(antialias="supersample", samples=samples)
+            truth = SPLATS.replace(antialias="supersample", samples=samples)
             right = renderer.render(splats, camera, truth).pixels
-            drawn = [renderer.render(splats, camera, SPLATS.but(attenuation=form)).pixels for form in FORMS]
+            drawn = [renderer.render(splats, camera, SPLATS.replace(attenuation=form)).pixels for form in FORMS]
             rmse = tuple(float(np.sqrt(((each - right) ** 2).mean())) for each in drawn)
             yield Row(name, stretch, camera.size[0], samples, rmse)
 
@@ -147,9 +147,9 @@ def picture(renderer: sg.Renderer, path: Path) -> None:
         if name not in ("thick edge", "threads", "tunnel", "nerve"):
             continue
         camera = at_stretch(splats, base, 4.0)
-        truth = SPLATS.but(antialias="supersample", samples=samples_for(splats, camera))
-        asked = [*(SPLATS.but(attenuation=form) for form in FORMS), truth]
-        shown = [renderer.render(splats, camera, s.but(background=(0, 0, 0))).pixels for s in asked]
+        truth = SPLATS.replace(antialias="supersample", samples=samples_for(splats, camera))
+        asked = [*(SPLATS.replace(attenuation=form) for form in FORMS), truth]
+        shown = [renderer.render(splats, camera, s.replace(background=(0, 0, 0))).pixels for s in asked]
         index = np.arange(side) * camera.size[0] // side
         rows.append(
             np.concatenate([np.pad(p[index][:, index], ((0, 4), (0, 4), (0, 0)), constant_values=1) for p in shown], 1)

@@ -92,7 +92,7 @@ def tables(kind: Footprint, renderer: Renderer, full: bool) -> Iterator[Pair]:
     right = reference.render(splats, camera, Settings.like("0.1", antialias="off")).pixels
     settings = Settings.like("0.1", antialias="off", footprint=kind, align="exact", occlusion="off")
     for size in (16, 32, 64, 128, 256, 512, *((1024, 2048) if full else ())):
-        yield size, _rmse(renderer.render(splats, camera, settings.but(table_size=size)).pixels, right)
+        yield size, _rmse(renderer.render(splats, camera, settings.replace(table_size=size)).pixels, right)
 
 
 def voxels(renderer: Renderer, full: bool) -> Iterator[Pair]:
@@ -137,7 +137,7 @@ def picture(renderer: Renderer, full: bool) -> Iterator[Pair]:
     splats = _splats(0.25 if full else 0.4)
     for size in (8, 12, 16, 24, *((32, 48, 64) if full else ())):
         camera, settings = _camera(size), Settings.like("0.1", occlusion="off", attenuation="optical-depth")
-        right = renderer.render(splats, camera, settings.but(antialias="supersample", samples=16)).pixels
+        right = renderer.render(splats, camera, settings.replace(antialias="supersample", samples=16)).pixels
         yield size, _rmse(renderer.render(splats, camera, settings).pixels.astype(np.float64), right)
 
 
@@ -147,7 +147,7 @@ def samples(renderer: Renderer, full: bool) -> Iterator[Pair]:
     most = Settings.like("0.1", antialias="supersample", samples=48, occlusion="off")
     right = renderer.render(splats, camera, most).pixels.astype(np.float64)
     for count in (1, 2, 3, 4, 6, 8, *((12, 16) if full else ())):
-        yield count, _rmse(renderer.render(splats, camera, most.but(samples=count)).pixels, right)
+        yield count, _rmse(renderer.render(splats, camera, most.replace(samples=count)).pixels, right)
 
 
 def slabs(renderer: Renderer, full: bool) -> Iterator[Pair]:

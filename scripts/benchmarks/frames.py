@@ -32,7 +32,7 @@ from rows import tell
 from vtk_peers import Peer
 
 import splatgl as sg
-from splatgl.gl.target import Target
+from splatgl.gl.target import RenderTarget
 from splatgl.planning.resolve import extract_for_settings, select_splats
 from splatgl.reference.field import kept_field_integral, ray_integral_at
 from splatgl.scene.scene_file import SceneFile
@@ -134,7 +134,7 @@ def floor(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, chosen: s
     vertices = ctx.vertex_array(program, [(places, "3f4", "place")])
 
     def frame() -> np.ndarray:
-        target: Target = renderer.passes.targets.get("draw", camera.size, "rgba32f")
+        target: RenderTarget = renderer.passes.targets.get("draw", camera.size, "rgba32f")
         target.clear()
         ctx.enable_only(moderngl.BLEND | moderngl.PROGRAM_POINT_SIZE)
         ctx.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
@@ -146,7 +146,7 @@ def floor(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, chosen: s
 
 def ways(renderer: sg.Renderer, chosen: Case, camera: sg.Camera) -> tuple[dict[str, Frame], Right]:
     """What draws the case, and its truth."""
-    old, own = SPLATS.but(blend=chosen.blend), sg.Settings(blend=chosen.blend)
+    old, own = SPLATS.replace(blend=chosen.blend), sg.Settings(blend=chosen.blend)
     splats = extract_for_settings(chosen.volume, chosen.transfer, own)
 
     def draw(some: sg.Splats, settings: sg.Settings) -> Frame:
@@ -156,12 +156,12 @@ def ways(renderer: sg.Renderer, chosen: Case, camera: sg.Camera) -> tuple[dict[s
         "0.1": draw(chosen.splats, old),
         "floor": floor(renderer, chosen.splats, camera, renderer.plan(chosen.splats, camera, old)),
         "default": draw(splats, own),
-        "one sample": draw(splats, own.but(antialias="supersample", samples=1)),
+        "one sample": draw(splats, own.replace(antialias="supersample", samples=1)),
     }
     if chosen.peers and importlib.util.find_spec("vtk") is None:
         print("VTK left out: not installed (pip install splatgl[vtk])")
     elif chosen.peers:
-        twice = own.but(antialias="supersample", samples=2)
+        twice = own.replace(antialias="supersample", samples=2)
         for name, mapper, asked in (("VTK CPU", "cpu", own), ("VTK CPU 2×2", "cpu", twice), ("VTK OpenGL", "gpu", own)):
             found[name] = Peer(mapper, (chosen.volume, chosen.transfer), camera, asked)
     image = renderer.render(splats, camera, own, verify_bound=False)

@@ -26,7 +26,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from splatgl.options import Kind
+from splatgl.options import ValueKind
 
 # seconds after which something will not come; pixels along a side of the squares that are watched, in the picture and
 # in an open list; seconds of a drag
@@ -170,10 +170,10 @@ def serve(arguments: list[str]) -> None:
     from splatgl.cli.main import main as run_command
     from splatgl.viewer import panel
     from splatgl.viewer.preset_gallery import PresetGallery
-    from splatgl.viewer.transfer_editor import ROOM, Curve, rise
+    from splatgl.viewer.transfer_editor import ROOM, CurveEditor, axis_from_opacity
 
     places: dict[str, tuple[float, float]] = {}
-    draw_list, draw_curve = PresetGallery.draw, Curve.draw
+    draw_list, draw_curve = PresetGallery.draw, CurveEditor.draw
 
     def note_list(gallery: PresetGallery, *arguments: Any) -> Any:
         drawn = draw_list(gallery, *arguments)
@@ -181,7 +181,7 @@ def serve(arguments: list[str]) -> None:
         places["list"] = (low.x + high.x) / 2, (low.y + high.y) / 2
         return drawn
 
-    def note_curve(curve: Curve, transfer: Any, *arguments: Any) -> Any:
+    def note_curve(curve: CurveEditor, transfer: Any, *arguments: Any) -> Any:
         drawn, before = draw_curve(curve, transfer, *arguments), dict(places)
         (left, top, width, height), (low, up) = curve.box, curve.range
         # one that the axis shows, as high as any
@@ -190,14 +190,14 @@ def serve(arguments: list[str]) -> None:
             key=lambda point: point[1],
             default=(low, 0.0),
         )
-        share = (float(rise(opacity)) - ROOM[0]) / (ROOM[1] - ROOM[0])
+        share = (float(axis_from_opacity(opacity)) - ROOM[0]) / (ROOM[1] - ROOM[0])
         places["node"] = left + width * (value - low) / (up - low), top + height * (1 - share)
         if width > 1 and places != before:
             print(json.dumps(places), flush=True)
         return drawn
 
     # methods are replaced for this process alone
-    vars(panel)["PresetGallery"].draw, vars(panel)["Curve"].draw = note_list, note_curve
+    vars(panel)["PresetGallery"].draw, vars(panel)["CurveEditor"].draw = note_list, note_curve
     sys.exit(run_command(["view", *arguments]))
 
 
@@ -310,7 +310,7 @@ def main() -> None:
         allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("files", nargs="*", default=["nerve", "terrain", "tunnel"])
-    parser.add_argument("--size", type=Kind.picture_size().parse, default=(1024, 768))
+    parser.add_argument("--size", type=ValueKind.picture_size().parse, default=(1024, 768))
     parser.add_argument("--times", type=int, default=20, help="of each key, click and move; 0: opens only (20)")
     parser.add_argument("--busy", type=lambda text: [int(part) for part in text.split(",")], default=[0], metavar="N,N")
     args = parser.parse_args()

@@ -168,7 +168,7 @@ class Truth:
         shown = _colors(picture)[:, :3]
         seen = np.flatnonzero((np.abs(linear_from_srgb(shown) - self.background) > UNSEEN).any(axis=1))
         self.pixels = seen[np.linspace(0, len(seen) - 1, min(PIXELS, len(seen))).astype(int)]
-        light = kept_field_integral(drawn, camera, self.pixels, RAYS, settings.but(background=None))
+        light = kept_field_integral(drawn, camera, self.pixels, RAYS, settings.replace(background=None))
         self.light = self._shown(light)
 
     def _shown(self, light: np.ndarray) -> np.ndarray:

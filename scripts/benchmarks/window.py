@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from splatgl.gl.renderer import Renderer
-from splatgl.options import Kind
+from splatgl.options import ValueKind
 from splatgl.scene.scene_file import SceneFile
 from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.document import Document
@@ -114,7 +114,7 @@ def main() -> None:
         allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("files", nargs="*", default=["nerve", "terrain", "tunnel"])
-    parser.add_argument("--size", type=Kind.picture_size().parse, default=(1024, 768))
+    parser.add_argument("--size", type=ValueKind.picture_size().parse, default=(1024, 768))
     parser.add_argument("--seconds", type=float, default=4.0)
     args = parser.parse_args()
     for file in args.files:

@@ -23,7 +23,7 @@ from pathlib import Path
 from window import drags, rest
 
 from splatgl.gl.renderer import Renderer
-from splatgl.options import Kind
+from splatgl.options import ValueKind
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.adaptive_quality import LADDER
 from splatgl.viewer.document import Document
@@ -71,7 +71,7 @@ def main() -> None:
         allow_abbrev=False, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("files", nargs="*", default=["nerve", "terrain", "tunnel"])
-    parser.add_argument("--size", type=Kind.picture_size().parse, default=(1024, 768))
+    parser.add_argument("--size", type=ValueKind.picture_size().parse, default=(1024, 768))
     parser.add_argument("--moves", type=int, default=40)
     parser.add_argument("--profile", type=int, default=0, metavar="N")
     args = parser.parse_args()

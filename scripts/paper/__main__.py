@@ -16,7 +16,7 @@ from paper.figures.rendered import PICTURES, add_pictures, check_no_options, run
 from paper.tables import TEXT_WIDTH
 
 from splatgl import __version__
-from splatgl.cli.main import refuse_empty
+from splatgl.cli.main import reject_empty
 from splatgl.cli.parser import BAD_INPUT, Parser, one_line
 from splatgl.errors import InputError, expected
 from splatgl.fileio import check_output, write_file
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         add_parser(parser)
     args = parser.parse_args(given[1:] if given[:1] == ["explain"] else given)
     try:
-        refuse_empty(args)
+        reject_empty(args)
         return int(args.run(args))
     except InputError as error:
         print(f"{parser.prog}: {one_line(parser.with_flags(str(error), args))}", file=sys.stderr)

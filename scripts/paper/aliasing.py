@@ -192,8 +192,8 @@ def differing_before(draw: Draw, splats: Splats, camera: Camera, settings: Setti
     """(changed, total) number of pixels that show nothing beyond z_k; changed: by antialiasing."""
     z_k = camera.z_k(splats.grid.smallest_spacing)
     beyond = camera.eye_from_points(world(splats))[:, 2] >= z_k
-    reached = draw(splats.part(beyond), camera, settings.but(antialias="paper", blend="xray")).pixels[..., 3] > 0
-    off, on = (draw(splats, camera, settings.but(antialias=name)).pixels for name in ("off", "paper"))
+    reached = draw(splats.part(beyond), camera, settings.replace(antialias="paper", blend="xray")).pixels[..., 3] > 0
+    off, on = (draw(splats, camera, settings.replace(antialias=name)).pixels for name in ("off", "paper"))
     changed = (off != on).any(axis=-1) & ~reached
     return int(changed.sum()), int((~reached).sum())
 

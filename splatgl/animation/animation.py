@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.animation.camera_track import Track, Turning, keyframes, turning
+from splatgl.animation.camera_track import CameraTrack, TurntableTrack, keyframes, turning
 from splatgl.animation.movie import open_series, read_ahead
 from splatgl.annotations.annotate import annotated, check_time, on_ground
-from splatgl.annotations.canvas import Subject
+from splatgl.annotations.canvas import AnnotatedSubject
 from splatgl.data.image import Image
 from splatgl.distributed.workers import Drawing, keep_latest, renderer, spread
 from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name
 from splatgl.geometry.camera import Bounded, Camera
-from splatgl.options import Group, Kind, check_options, non_default, option
+from splatgl.options import HelpGroup, ValueKind, check_options, non_default, option
 from splatgl.planning.bricks import Bricks, excess_bricks, required_bricks
 from splatgl.planning.culling import order_for
 from splatgl.planning.resolve import has_streaks
@@ -75,9 +75,9 @@ def _check_span(value: Any) -> tuple[int, int]:
     return first, last
 
 
-_option = partial(option, group=Group.ANIMATION)
-_COUNT = Kind.whole(1, MAX_FRAMES)
-_pace = partial(Kind.number, f"a number from {-MAX_PACE:g} to {MAX_PACE:g}", -MAX_PACE, MAX_PACE)
+_option = partial(option, group=HelpGroup.ANIMATION)
+_COUNT = ValueKind.whole(1, MAX_FRAMES)
+_pace = partial(ValueKind.number, f"a number from {-MAX_PACE:g} to {MAX_PACE:g}", -MAX_PACE, MAX_PACE)
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Timeline:
     frames: int | None = _option(None, _COUNT, f"number of frames of the whole animation (default {FRAMES})")
     only: tuple[int, int] | None = _option(
         None,
-        Kind("two frames", _check_span, _read_span, "A-B", written="A-B, such as 10-19", hint="tuple[int, int]"),
+        ValueKind("two frames", _check_span, _read_span, "A-B", written="A-B, such as 10-19", hint="tuple[int, int]"),
         "draw only frames A to B, counted from 0",
     )
     turntable: float | None = _option(
@@ -95,11 +95,13 @@ class Timeline:
     )
     spin: float | None = _option(None, _pace(metavar="DEG"), "rotation of the volume per frame")
     axis: tuple[float, float, float] | None = _option(
-        None, Kind.numbers(3, "X,Y,Z"), "axis of rotation through the centre (default: up)"
+        None, ValueKind.numbers(3, "X,Y,Z"), "axis of rotation through the centre (default: up)"
     )
     keyframes: str | Mapping[str, Any] | None = _option(
         None,
-        replace(Kind.instance("the name of a file", str, Mapping, metavar="FILE.toml"), hint="str | Mapping[str, Any]"),
+        replace(
+            ValueKind.instance("the name of a file", str, Mapping, metavar="FILE.toml"), hint="str | Mapping[str, Any]"
+        ),
         "views of some frames; the frames between are interpolated",
     )
     hold: int = _option(1, _COUNT, "frames for each volume of a series (default 1)")
@@ -131,7 +133,7 @@ class Animation:
 
     job: FrameJob
     mark: str
-    track: Track
+    track: CameraTrack
     count: int
     numbers: range
     hold: int = 1
@@ -176,7 +178,7 @@ class Animation:
         over = FrameAnnotations(names, scene.annotated_subject, scene.legend[1], times) if names else None
         job, only = FrameJob(scenes, settings, flow, bits, bands, over), None if series else only
         mark = _mark_of(job, transfer, track, count, timeline.hold)
-        if only is not None and flow is None and isinstance(track, Turning):
+        if only is not None and flow is None and isinstance(track, TurntableTrack):
             steady = settings.moments or _steady(only, settings, track, count)
             job = replace(job, settings=replace(settings, moments=steady))
         return cls(job, mark, track, count, range(first, last + 1), timeline.hold, only)
@@ -186,7 +188,7 @@ class Animation:
         return frame // self.hold % len(self.job.scenes)
 
     def drawn_here(
-        self, renderer: Renderer, frames: Frames, todo: Sequence[int], explain: bool
+        self, renderer: Renderer, frames: FrameFiles, todo: Sequence[int], explain: bool
     ) -> Iterator[tuple[int, bytes, list[str]]]:
         """Yields the number, file and notes of frames; the next volume is read meanwhile. explain: prints the first
         one's plan.
@@ -205,7 +207,7 @@ class Animation:
         )
 
     def drawn_on_workers(
-        self, client: Client, frames: Frames, todo: Sequence[int], drawing: Drawing
+        self, client: Client, frames: FrameFiles, todo: Sequence[int], drawing: Drawing
     ) -> Iterator[tuple[int, bytes, list[str]]]:
         """Yields the number, file and notes of frames that workers draw, which open the files."""
         job = replace(self.job, scenes=[scene.with_absolute_paths() for scene in self.job.scenes])
@@ -236,14 +238,14 @@ class Animation:
             splats.lattice(axis)
 
 
-def _steady(only: FrameSubject, settings: Settings, track: Turning, count: int) -> int | None:
+def _steady(only: FrameSubject, settings: Settings, track: TurntableTrack, count: int) -> int | None:
     """Number of moments per frame of a rotation: that of the fastest frame."""
     assert not isinstance(only.content, Bricks)
     cameras = [track.camera(n) for n in np.linspace(0, count - 1, LOOKS)]
     return max(moments_per_frame(only.content, camera, settings, track.turn) for camera in cameras) or None
 
 
-def _mark_of(job: FrameJob, transfer: Transfer, track: Track, count: int, hold: int) -> str:
+def _mark_of(job: FrameJob, transfer: Transfer, track: CameraTrack, count: int, hold: int) -> str:
     """Digest of sources, rendering options and cameras, which identifies the frames of an animation. transfer: of its
     first volume.
     """
@@ -263,7 +265,7 @@ def _mark_of(job: FrameJob, transfer: Transfer, track: Track, count: int, hold: 
 def _sharp_unless_asked(settings: Settings, timeline: Timeline) -> Settings:
     """The settings of frames: motion auto blurs along a flow, or if moments or another shutter are asked for."""
     asked = timeline.flow is not None or {"moments", "shutter"} & set(settings.given)
-    return settings if settings.motion != "auto" or asked else settings.but(motion="off")
+    return settings if settings.motion != "auto" or asked else settings.replace(motion="off")
 
 
 def _subject(scene: OpenScene, flow: float | None, is_step: bool) -> FrameSubject:
@@ -277,7 +279,7 @@ def _subject(scene: OpenScene, flow: float | None, is_step: bool) -> FrameSubjec
     return FrameSubject(scene.subject, scene.settings.clip, scene.transfer)
 
 
-def _track(scene: OpenScene, subject: Bounded, timeline: Timeline, series: int) -> tuple[Track, int]:
+def _track(scene: OpenScene, subject: Bounded, timeline: Timeline, series: int) -> tuple[CameraTrack, int]:
     """The camera track, and the number of frames. series: number of volumes, if there are several."""
     view, volume = scene.file.view, scene.volume
     count = timeline.frames or (series * timeline.hold if series else FRAMES)
@@ -353,7 +355,7 @@ class FrameAnnotations:
     """Annotations of all frames. names, subject, transfer: as of `annotated`. times: of the file's time points."""
 
     names: tuple[str, ...]
-    subject: Subject
+    subject: AnnotatedSubject
     transfer: Transfer
     times: tuple[str, ...]
 
@@ -405,7 +407,7 @@ class FrameJob:
         return renderer.render(subject.content, camera, replace(settings, clip=subject.clip), motion)
 
     def frame(
-        self, renderer: Renderer, frames: Frames, subject: FrameSubject, view: FrameView, explain: bool
+        self, renderer: Renderer, frames: FrameFiles, subject: FrameSubject, view: FrameView, explain: bool
     ) -> tuple[bytes, list[str]]:
         """The file of a frame, and notes on settings that do not change it. explain: prints its plan."""
         over, ground, content = self.annotations, self.settings.ground, subject.content
@@ -455,7 +457,7 @@ DIGITED = re.compile("(0?[1-9][0-9]?)?d?")
 
 
 @dataclass(frozen=True)
-class Frames:
+class FrameFiles:
     """Output paths. template: a path with {frame}; mark: the animation's digest, stored in each PNG's text.
 
     movie: the movie file to write, or None.
@@ -466,7 +468,7 @@ class Frames:
     movie: Path | None = None
 
     @classmethod
-    def at(cls, output: str, mark: str) -> Frames:
+    def at(cls, output: str, mark: str) -> FrameFiles:
         """Paths for an --output: a template, or the name of a movie, whose frames are stored in a folder beside it.
 
         Raises InputError for other names, and if frames cannot be written. The first frame creates the folder.
@@ -547,7 +549,7 @@ def _mark(path: Path) -> str | None:
     return about.get("animation") if isinstance(about, dict) else None
 
 
-def _frame(job: FrameJob, drawing: Drawing, frames: Frames, view: FrameView) -> tuple[int, bytes, list[str]]:
+def _frame(job: FrameJob, drawing: Drawing, frames: FrameFiles, view: FrameView) -> tuple[int, bytes, list[str]]:
     """On a worker: a frame's number, its file and notes."""
     subject = keep_latest((frames.mark, view.volume), lambda: job.subject(view.volume))
     return view.frame, *job.frame(renderer(drawing), frames, subject, view, explain=False)

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from splatgl.animation.animation import Animation, Frames, Timeline
+from splatgl.animation.animation import Animation, FrameFiles, Timeline
 from splatgl.animation.movie import need, volumes, write_movie
 from splatgl.coercion import public
 from splatgl.errors import USER_ERRORS, error_prefix, expected
@@ -121,7 +121,7 @@ def with_blur(scene: SceneFile, shutter: float | None) -> SceneFile:
     """The scene, whose frames are blurred if a shutter is asked for, the default one, too."""
     if shutter is None or scene.settings.motion != "auto":
         return scene
-    return replace(scene, settings=scene.settings.but(motion="moments"))
+    return replace(scene, settings=scene.settings.replace(motion="moments"))
 
 
 def write_animation(
@@ -130,7 +130,7 @@ def write_animation(
     """Draws the frames and joins them to a movie; returns its path or theirs, and how many existed. how: the renderer,
     unless workers draw. fps: None: the default. resume: frames that exist are kept.
     """
-    frames, wanted = Frames.at(output, animation.mark), animation.numbers
+    frames, wanted = FrameFiles.at(output, animation.mark), animation.numbers
     if frames.movie:
         need(frames.movie)
     sources = [file for scene in animation.job.scenes for file in scene.files]
@@ -153,7 +153,9 @@ def write_animation(
     return [frames.movie] if frames.movie else [frames.path(n) for n in wanted], len(wanted) - len(todo)
 
 
-def _write(frames: Frames, drawn: Iterator[tuple[int, bytes, list[str]]], count: int, quiet: bool, alike: bool) -> None:
+def _write(
+    frames: FrameFiles, drawn: Iterator[tuple[int, bytes, list[str]]], count: int, quiet: bool, alike: bool
+) -> None:
     """Writes frames as they are drawn; prints the notes on the first. count: of all. alike: as of `progress_bar`."""
     with progress_bar("frame", quiet, alike) as progress:
         for done, (n, data, notes) in enumerate(drawn, 1):
@@ -163,7 +165,7 @@ def _write(frames: Frames, drawn: Iterator[tuple[int, bytes, list[str]]], count:
 
 
 @contextmanager
-def _told_if_stopped(frames: Frames, wanted: Sequence[int]) -> Iterator[None]:
+def _told_if_stopped(frames: FrameFiles, wanted: Sequence[int]) -> Iterator[None]:
     """Adds a note on the frames that stay to an error or an interruption of the work on them."""
     try:
         yield
@@ -175,7 +177,7 @@ def _told_if_stopped(frames: Frames, wanted: Sequence[int]) -> Iterator[None]:
         raise
 
 
-def _join(animation: Animation, frames: Frames, fps: float | None) -> None:
+def _join(animation: Animation, frames: FrameFiles, fps: float | None) -> None:
     """Writes the movie, if one is asked for, and removes its frames."""
     if frames.movie:
         ground = animation.job.scenes[0].settings.ground or BLACK

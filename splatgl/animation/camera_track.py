@@ -44,7 +44,7 @@ ORBIT = ("eye", "look_at", "up")
 SLICES, AROUND = 32, 48
 
 
-class Track(Protocol):
+class CameraTrack(Protocol):
     """The cameras of an animation."""
 
     def camera(self, frame: float) -> Camera:
@@ -57,7 +57,7 @@ class Track(Protocol):
 
 
 @dataclass(frozen=True)
-class Turning:
+class TurntableTrack:
     """A volume that rotates by `motion.spin` per frame; `base` is the camera of frame 0."""
 
     base: Camera
@@ -110,16 +110,16 @@ class Keyframes:
 
 def turning(
     view: ViewOptions, volume: Volume, subject: Bounded, degrees: float, axis: np.ndarray | None = None
-) -> Turning:
+) -> TurntableTrack:
     """A rotation by `degrees` per frame about the volume's centre, counter-clockwise seen from `axis`' tip (up)."""
     up = axis if axis is not None else np.array(view.upward(volume.hints), dtype=np.float64)
     length = float(np.linalg.norm(up))
     if not 0 < length < np.inf:
         raise expected("axis", "a direction", up.tolist())
     subject = view.framed(volume, subject)
-    swept = Swept.of(subject, up / length) if degrees else subject
+    swept = RotationHull.of(subject, up / length) if degrees else subject
     center = (subject.corners.min(axis=0) + subject.corners.max(axis=0)) / 2
-    return Turning(view.camera(volume, swept), Motion(spin=up / length * degrees, center=center))
+    return TurntableTrack(view.camera(volume, swept), Motion(spin=up / length * degrees, center=center))
 
 
 def keyframes(source: str | Mapping[str, Any], view: ViewOptions, volume: Volume, subject: Bounded) -> Keyframes:
@@ -150,7 +150,7 @@ def keyframes(source: str | Mapping[str, Any], view: ViewOptions, volume: Volume
     keys = _joined(path, keys) if shape == "orbit" else keys
     up, subject = np.array(view.upward(volume.hints), dtype=np.float64), view.framed(volume, subject)
     if any(np.ptp(keys[name][1], axis=0).any() for name in TURNING if name in keys):
-        subject = Swept.of(subject, up / np.linalg.norm(up))
+        subject = RotationHull.of(subject, up / np.linalg.norm(up))
     track = Keyframes(keys, ease == "smooth", view, volume, subject)
     _check(path, track)
     return track
@@ -238,7 +238,7 @@ def between(frames: np.ndarray, points: np.ndarray, at: float, smooth: bool) -> 
 
 
 @dataclass(frozen=True, eq=False)
-class Swept:
+class RotationHull:
     """Hull of a subject rotated about its middle: a camera fitted to it keeps its distance during the rotation."""
 
     corners: np.ndarray
@@ -246,7 +246,7 @@ class Swept:
     frame: str | None = None
 
     @classmethod
-    def of(cls, subject: Bounded, axis: np.ndarray) -> Swept:
+    def of(cls, subject: Bounded, axis: np.ndarray) -> RotationHull:
         """axis: unit vector."""
         center = (subject.corners.min(axis=0) + subject.corners.max(axis=0)) / 2
         local = subject.outline - center

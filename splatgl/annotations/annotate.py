@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import splatgl.annotations as package
-from splatgl.annotations.canvas import BLACK, Annotation, AnnotationView, Canvas, Subject, Touched, ink_on
+from splatgl.annotations.canvas import BLACK, AnnotatedSubject, Annotation, AnnotationView, Canvas, Touched, ink_on
 from splatgl.coercion import public
 from splatgl.data.color import Color, srgb_from_linear
 from splatgl.data.figure import Figure
@@ -30,7 +30,7 @@ LEAST_SIDE = 64
 @public
 def annotated(
     image: Image | Any,
-    volume: Volume | Subject,
+    volume: Volume | AnnotatedSubject,
     transfer: Transfer | Any,
     camera: Camera | Any,
     annotate: Sequence[str],
@@ -54,7 +54,7 @@ def annotated(
         scale = 1 / image.white
         info |= {"blend": "xray over scale", "scale": scale}
         pixels = pixels * np.float32(scale)
-    subject = volume if isinstance(volume, Subject) else Subject.of(volume)
+    subject = volume if isinstance(volume, AnnotatedSubject) else AnnotatedSubject.of(volume)
     view = AnnotationView(subject, transfer, camera, blend, pixels, scale)
     layer, behind = (Canvas.over(pixels, ground, density(info)) for _ in range(2))
     compose(replace(layer, picture=None) if steady else layer, view, names)
@@ -105,7 +105,7 @@ def _rows(names: Sequence[str]) -> list[Annotation]:
     return [row for row in ANNOTATIONS.values() if text_of(names, row.name) is not None]
 
 
-def default_names(subject: Subject) -> tuple[str, ...]:
+def default_names(subject: AnnotatedSubject) -> tuple[str, ...]:
     """Annotations of a window by default: scale bar, axes, and directions of a patient."""
     return tuple(row.name for row in ANNOTATIONS.values() if row.default and (subject.frame or not row.needs_frame))
 
@@ -208,7 +208,7 @@ class LiveOverlay:
 
     def draw(
         self,
-        subject: Subject,
+        subject: AnnotatedSubject,
         transfer: Transfer,
         camera: Camera,
         annotate: Sequence[str],

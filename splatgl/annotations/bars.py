@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Rect, Scale, Subject
+from splatgl.annotations.canvas import AnnotatedSubject, Annotation, AnnotationView, Canvas, ColorScale, Rect
 from splatgl.data.affine import METRES, metres_in, unit_name
 from splatgl.data.color import Color
 from splatgl.geometry.camera import Camera
@@ -32,7 +32,7 @@ class BarScale(NamedTuple):
     label: str
 
 
-def scale_of(subject: Subject, camera: Camera) -> BarScale | None:
+def scale_of(subject: AnnotatedSubject, camera: Camera) -> BarScale | None:
     """Scale bar of a view; None if the volume's centre is behind a perspective eye, or across axes of several units."""
     depth = float(camera.eye_from_points(subject.center)[2])
     lengths = subject.lengths(camera.eye_from_world[0])
@@ -175,7 +175,7 @@ def of_values(transfer: Transfer, name: str, blend: str, rows: int) -> ColorBar 
     return ColorBar(low, high, colors, opacity, label, transfer.logarithmic)
 
 
-def of_scale(scale: Scale, rows: int) -> ColorBar:
+def of_scale(scale: ColorScale, rows: int) -> ColorBar:
     """Bar of a mesh's values."""
     down = (np.arange(rows) + 0.5) / rows
     table = colormap(scale.colormap)

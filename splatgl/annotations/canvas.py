@@ -15,10 +15,10 @@ from splatgl.data.affine import METRES, unit_name
 from splatgl.data.color import Color
 from splatgl.data.figure import HALO_ALPHA, AreaMark, Halo, LinesMark, Mark, PatchMark, TextMark, move_mark
 from splatgl.data.mesh import Mesh
-from splatgl.data.volume import Axis, Triple, Volume
+from splatgl.data.volume import AxisCoordinate, Triple, Volume
 from splatgl.errors import error_prefix, expected
 from splatgl.geometry.camera import Camera
-from splatgl.options import Kind, check_options, declared, option, refuse_unknown
+from splatgl.options import ValueKind, check_options, declared, option, reject_unknown
 from splatgl.transfer.transfer import Transfer
 
 # font height as a fraction of the smaller side, and its minimum in pixels
@@ -388,14 +388,14 @@ def split_into_dashes(segments: np.ndarray, dash: float, gap: float) -> np.ndarr
 
 
 def _points(value: Any) -> tuple[Triple, ...]:
-    points = tuple(Kind.numbers(3, "X,Y,Z").check(point) for point in value)
+    points = tuple(ValueKind.numbers(3, "X,Y,Z").check(point) for point in value)
     if len(points) not in (2, 3):
         raise ValueError
     return points
 
 
 @dataclass(frozen=True)
-class Scale:
+class ColorScale:
     """A colour map, the values at its ends, and the name of the quantity."""
 
     colormap: str
@@ -404,7 +404,7 @@ class Scale:
     label: str
 
     @classmethod
-    def of(cls, meshes: Sequence[Mesh]) -> tuple[Scale, ...]:
+    def of(cls, meshes: Sequence[Mesh]) -> tuple[ColorScale, ...]:
         """Distinct scales of the visible meshes with values."""
         visible = [mesh for mesh in meshes if mesh.mapped and mesh.opacity > 0]
         return tuple(dict.fromkeys(cls(mesh.colormap, *mesh.ranged, mesh.quantity or mesh.name) for mesh in visible))
@@ -415,9 +415,9 @@ class Measure:
     """The distance between two points, or the angle at the second of three; points: world units."""
 
     points: tuple[Triple, ...] = option(
-        (), Kind("two points, or three of an angle, each of three finite numbers", _points)
+        (), ValueKind("two points, or three of an angle, each of three finite numbers", _points)
     )
-    name: str = option("", Kind.instance("a text", str))
+    name: str = option("", ValueKind.instance("a text", str))
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -427,13 +427,13 @@ class Measure:
         """The entry of a table of a scene file. Raises InputError for unknown keys and bad values."""
         if not isinstance(table, Mapping) or "points" not in table:
             raise expected(what, "a table with the key points", repr(table)[:80])
-        refuse_unknown(what, table, declared(cls))
+        reject_unknown(what, table, declared(cls))
         with error_prefix(what):
             return cls(**table)
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
+class AnnotatedSubject:
     """Volume described by annotations. corners [8, 3]: of the box, world units; center [3]. colored: whether voxels
     have colours. value_name: title of a colour bar, the quantity (else the volume's name) and its unit. scales: of
     meshes. empty: whether voxels show nothing, as below a lone mesh. measures: distances and angles. axes: the file's
@@ -447,13 +447,13 @@ class Subject:
     frame: str | None
     colored: bool
     value_name: str = ""
-    scales: tuple[Scale, ...] = ()
+    scales: tuple[ColorScale, ...] = ()
     empty: bool = False
     measures: tuple[Measure, ...] = ()
-    axes: tuple[Axis, ...] = ()
+    axes: tuple[AxisCoordinate, ...] = ()
 
     @classmethod
-    def of(cls, volume: Volume, valued: Volume | None = None) -> Subject:
+    def of(cls, volume: Volume, valued: Volume | None = None) -> AnnotatedSubject:
         """The subject of a volume. valued: another one, whose values the colour bar shows."""
         of_bar = valued or volume
         colored = of_bar.color is not None
@@ -477,7 +477,7 @@ class AnnotationView:
     their scale; None in live views. text: given after the name and "=".
     """
 
-    subject: Subject
+    subject: AnnotatedSubject
     transfer: Transfer
     camera: Camera
     blend: str = ""

@@ -9,17 +9,17 @@ import numpy as np
 from splatgl.annotations.bars import in_digits, length_text, ticks
 from splatgl.annotations.canvas import (
     WHITE,
+    AnnotatedSubject,
     Annotation,
     AnnotationView,
     Canvas,
     Measure,
     Rect,
-    Subject,
     clip_segments,
     split_into_dashes,
 )
 from splatgl.data.color import Color
-from splatgl.data.volume import Axis
+from splatgl.data.volume import AxisCoordinate
 from splatgl.geometry.camera import Camera
 
 # ends of the edges along grid x, y and z as indices of corners; corner 4z + 2y + x
@@ -119,7 +119,7 @@ def draw_numbers(layer: Canvas, view: AnnotationView) -> None:
         layer.notes.append(f"no room for {left_out} numbers of the box")
 
 
-def _in_image(box: list[Edge], subject: Subject, camera: Camera) -> np.ndarray:
+def _in_image(box: list[Edge], subject: AnnotatedSubject, camera: Camera) -> np.ndarray:
     """Parts of edges in front of the eye, in pixels [S, 4]."""
     ends = np.array([subject.corners[list(edge.corners)] for edge in box]).reshape(-1, 2, 3)
     ahead = clip_to_front(ends, camera) if len(ends) else ends
@@ -130,7 +130,7 @@ def _width(layer: Canvas) -> float:
     return max(1.0, WIDTH * layer.em)
 
 
-def select_numbered_edges(box: list[Edge], subject: Subject, camera: Camera) -> list[Edge]:
+def select_numbered_edges(box: list[Edge], subject: AnnotatedSubject, camera: Camera) -> list[Edge]:
     """An outer edge of each axis in front of the eye, if any: the lower one, or the one farther left."""
     depth = camera.eye_from_points(subject.corners)[:, 2]
     result = []
@@ -142,7 +142,7 @@ def select_numbered_edges(box: list[Edge], subject: Subject, camera: Camera) -> 
     return result
 
 
-def outward_direction(edge: Edge, subject: Subject, camera: Camera) -> np.ndarray:
+def outward_direction(edge: Edge, subject: AnnotatedSubject, camera: Camera) -> np.ndarray:
     """Unit vector [2] in the image, across an edge and away from the box."""
     a, b = project_points(subject.corners[list(edge.corners)], camera)
     along = (b - a) / (float(np.hypot(*(b - a))) or 1.0)
@@ -152,7 +152,7 @@ def outward_direction(edge: Edge, subject: Subject, camera: Camera) -> np.ndarra
     return across if float((corners - a).mean(axis=0) @ across) < 0 else -across
 
 
-def marks(subject: Subject, edge: Edge, camera: Camera, em: int) -> tuple[np.ndarray, list[str], str]:
+def marks(subject: AnnotatedSubject, edge: Edge, camera: Camera, em: int) -> tuple[np.ndarray, list[str], str]:
     """World places [N, 3] of an edge's ticks, their texts, and the name of the axis.
 
     Along a world axis the ticks are coordinates, those of the file if it has some, else lengths from the first corner
@@ -164,7 +164,7 @@ def marks(subject: Subject, edge: Edge, camera: Camera, em: int) -> tuple[np.nda
     world = int(np.abs(unit).argmax())
     straight = abs(unit[world]) > 1 - ALONG
     start, sign = (float(first[world]), float(np.sign(unit[world]))) if straight else (0.0, 1.0)
-    known = subject.axes[world] if straight and subject.axes else Axis("xyz"[world], subject.unit)
+    known = subject.axes[world] if straight and subject.axes else AxisCoordinate("xyz"[world], subject.unit)
     low, high = sorted(known.offset + known.slope * place for place in (start, start + sign * length))
     factor, name = in_digits(max(abs(low), abs(high)), known.unit)
     shown = np.hypot(*np.subtract(*project_points(np.array([first, second]), camera)))
@@ -176,7 +176,7 @@ def marks(subject: Subject, edge: Edge, camera: Camera, em: int) -> tuple[np.nda
     return places, [f"{value:.6g}" for value in values], f"{letter}, {name}" if name else letter
 
 
-def _number(layer: Canvas, subject: Subject, edge: Edge, camera: Camera) -> int:
+def _number(layer: Canvas, subject: AnnotatedSubject, edge: Edge, camera: Camera) -> int:
     """Draws an edge's numbers and name; returns how many have no room."""
     a, b = project_points(subject.corners[list(edge.corners)], camera)
     places, texts, name = marks(subject, edge, camera, layer.em)
@@ -327,7 +327,7 @@ BRIGHT, DARK = (1.0, 0.694, 0.0732), (0.305, 0.0666, 0.0)
 DOT, ARC, STEPS = 3.0, 0.3, 24
 
 
-def measure_text(measure: Measure, subject: Subject) -> str:
+def measure_text(measure: Measure, subject: AnnotatedSubject) -> str:
     """The length in its unit, or the angle in degrees; after the name, if there is one. Along axes of several units the
     distances along each of them, and no angle.
     """

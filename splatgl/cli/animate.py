@@ -15,7 +15,7 @@ from splatgl.cli.options import (
     scene_from,
 )
 from splatgl.cli.parser import add_options, group_of
-from splatgl.options import Group
+from splatgl.options import HelpGroup
 from splatgl.scene.draw import DrawOptions, WorkerOptions
 from splatgl.splat.settings import Settings
 
@@ -29,7 +29,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="FILE", required=True, help="frames/{frame:04d}.png or .npy, movie.mp4, .webm or .gif"
     )
-    group = group_of(parser, Group.ANIMATION)
+    group = group_of(parser, HelpGroup.ANIMATION)
     add_options(parser, Timeline)
     add_options(parser, Settings, "moments", "shutter")
     about = f"frames per second of a movie (default {FPS:g}, fewer for a short series: at least {SHORTEST:g} s)"

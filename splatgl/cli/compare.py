@@ -13,13 +13,13 @@ from pathlib import Path
 
 from splatgl.cli.parser import add_option
 from splatgl.comparison.metrics import require_flip
-from splatgl.comparison.pairs import DIFFERENT, UNUSABLE, FilePair, Outcome, build_cases, compare_all
+from splatgl.comparison.pairs import DIFFERENT, UNUSABLE, FilePair, PairResult, build_cases, compare_all
 from splatgl.comparison.pictures import Picture, find_pairs, match_formats
 from splatgl.comparison.verdict import STATED, CompareOptions, Criteria, Pair, Verdict
 from splatgl.data.image import Image, encode_png
 from splatgl.errors import expected
 from splatgl.fileio import check_output, write_file
-from splatgl.options import Group, Kind
+from splatgl.options import HelpGroup, ValueKind
 
 # delay of the progress bar in seconds
 PATIENCE = 1.0
@@ -37,9 +37,11 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--junit", metavar="FILE.xml", help="write a JUnit report, and the pictures that it attaches")
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
     parser.add_argument("--quiet", action="store_true", help="print only pairs that differ or cannot be compared")
-    count = replace(whole := Kind.whole(1), read=lambda text: whole.check(int(text)))
+    count = replace(whole := ValueKind.whole(1), read=lambda text: whole.check(int(text)))
     parser.add_argument("--processes", type=count.parse, metavar="N", help="at most (default: one a core)")
-    parser.add_argument_group(Group.LIMITS, "default: rounding to 8 bits passes; any limit replaces the default ones")
+    parser.add_argument_group(
+        HelpGroup.LIMITS, "default: rounding to 8 bits passes; any limit replaces the default ones"
+    )
     for name, option in STATED.values():
         add_option(parser, name, option)
     parser.set_defaults(run=run)
@@ -97,7 +99,7 @@ def _diff(pair: Pair) -> bytes:
     return encode_png(reports.heat_map(difference), reports.COMPRESSION)
 
 
-def _write_reports(args: argparse.Namespace, outcomes: Sequence[Outcome], criteria: Criteria, title: str) -> None:
+def _write_reports(args: argparse.Namespace, outcomes: Sequence[PairResult], criteria: Criteria, title: str) -> None:
     from splatgl.comparison.reports import append_text, build_page, junit_xml, markdown_summary
 
     cases = build_cases(outcomes, criteria)
@@ -110,7 +112,7 @@ def _write_reports(args: argparse.Namespace, outcomes: Sequence[Outcome], criter
         write_file(junit, junit_xml(cases, title, junit.with_suffix("")))
 
 
-def _text(outcomes: Sequence[Outcome], args: argparse.Namespace) -> str:
+def _text(outcomes: Sequence[PairResult], args: argparse.Namespace) -> str:
     """A line for each pair that differs; for a single pair its metrics, too."""
     lines = []
     for outcome in outcomes:
@@ -128,13 +130,13 @@ def _text(outcomes: Sequence[Outcome], args: argparse.Namespace) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-def _json(outcomes: Sequence[Outcome]) -> str:
+def _json(outcomes: Sequence[PairResult]) -> str:
     """JSON with a record for each pair; infinite decibels become null."""
     records = [_record(outcome) for outcome in outcomes]
     return json.dumps({"exit": max(o.code for o in outcomes), "pairs": records}, indent=1, ensure_ascii=False) + "\n"
 
 
-def _record(outcome: Outcome) -> dict[str, object]:
+def _record(outcome: PairResult) -> dict[str, object]:
     if outcome.verdict is None:
         return {"name": outcome.name, "verdict": outcome.state, "error": outcome.error}
     verdict = outcome.verdict
@@ -154,7 +156,7 @@ def _record(outcome: Outcome) -> dict[str, object]:
     }
 
 
-def _bar(outcomes: Iterable[Outcome], count: int, quiet: bool) -> Iterator[Outcome]:
+def _bar(outcomes: Iterable[PairResult], count: int, quiet: bool) -> Iterator[PairResult]:
     """Progress bar over pairs, if tqdm is installed and stderr is a terminal."""
     if not quiet and count > 1 and sys.stderr.isatty():
         try:

@@ -168,18 +168,18 @@ def _images(tiles: bool) -> dict[str, tuple[Subject, Settings, Motion | None]]:
     both = Scene([Layer(volume), Layer(segments, default_transfer(segments))])
     by_technique = {
         "sheets": (volume, plain),
-        "maximum": (volume, plain.but(blend="mip")),
+        "maximum": (volume, plain.replace(blend="mip")),
         "splats": (volume, like),
         "boxes": (segments, plain),
     }
     return {
         "default": (volume, plain, None),
         **{
-            f"{name} by {technique}": (subject, settings.but(technique=technique), None)
+            f"{name} by {technique}": (subject, settings.replace(technique=technique), None)
             for name, (subject, settings) in by_technique.items()
             for technique in techniques
         },
-        "streaks": (volume, like.but(motion="exact"), TURNING),
+        "streaks": (volume, like.replace(motion="exact"), TURNING),
         "layers": (both, plain, None),
         "meshes": (Scene([Layer(volume)], meshes=[triangle]), plain, None),
         BRICKS: (volume, plain, None),
@@ -202,7 +202,7 @@ def _check_image(
             drawn = renderer.render(splats, camera, settings, motion, verify_bound=False)
     except Exception as error:
         return f"  {name:18} FAILED {_first_line(error)}", False
-    truth = reference.render(splats, camera, settings.but(technique="auto", motion="off")).pixels
+    truth = reference.render(splats, camera, settings.replace(technique="auto", motion="off")).pixels
     difference = float(np.abs(drawn.pixels - truth).max()) if np.isfinite(drawn.pixels).all() else np.inf
     check = SelfCheck(name, difference, 0.0, MAX_ERROR, required=True)
     return check_line(check), check.passed

@@ -19,13 +19,13 @@ import numpy as np
 
 from splatgl.cli.options import add_source, add_transfer, scene_from, volume_source
 from splatgl.cli.parser import add_option, add_options
-from splatgl.data.arrays import Window
+from splatgl.data.arrays import ArrayWindow
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Places, Volume, triple, with_parts
 from splatgl.errors import expected, import_extra, missing_extra
 from splatgl.fileio import atomic_folder, check_folder, check_output, check_source
 from splatgl.geometry.clipping import crop_ends
-from splatgl.options import Kind, declared
+from splatgl.options import ValueKind, declared
 from splatgl.readers import load_source
 from splatgl.scene.draw import progress_bar
 from splatgl.scene.open_scene import print_lines, print_notes
@@ -102,7 +102,7 @@ def crop_volume(volume: Volume, text: str) -> Volume:
         origin = triple(part.world_from_index @ low + part.origin, "origin")
         names = ("samples", "color", "vectors")
         arrays: dict[str, Any] = {
-            name: None if (array := getattr(part, name)) is None else Window.of(array, box) for name in names
+            name: None if (array := getattr(part, name)) is None else ArrayWindow.of(array, box) for name in names
         }
         return replace(part, origin=origin, coarser=(), masks=(), **arrays)
 
@@ -117,7 +117,7 @@ def add_surface_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl surface`."""
     add_source(parser)
     about = "value whose surface is written; repeatable: one file each"
-    number = Kind.number("one finite number", metavar="VALUE")
+    number = ValueKind.number("one finite number", metavar="VALUE")
     parser.add_argument("--iso", type=number.parse, action="append", required=True, metavar="VALUE", help=about)
     about = f".stl, .ply, .obj or .glb; {VALUE} in its name is the value"
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help=about)

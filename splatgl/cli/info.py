@@ -7,7 +7,7 @@ import json
 from functools import partial
 
 from splatgl.cli.parser import Parser
-from splatgl.errors import Choice
+from splatgl.errors import MissingOption
 from splatgl.platforms import CHOICES
 
 
@@ -45,7 +45,7 @@ def _info(parser: Parser, args: argparse.Namespace) -> int:
         print("\n".join([*listed_, ""]))
     try:
         volume = scene.open()
-    except Choice as error:
+    except MissingOption as error:
         if args.json:
             choices = [{"name": name, "about": about} for name, about in error.choices]
             print(json.dumps({"source": args.source, "option": error.option, "choices": choices}, ensure_ascii=False))

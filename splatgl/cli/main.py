@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # names of files, × and … in any encoding
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    streams = redirect_stdout(Output(sys.stdout)), redirect_stderr(Output(sys.stderr))
+    streams = redirect_stdout(SafeStream(sys.stdout)), redirect_stderr(SafeStream(sys.stderr))
     with streams[0] as output, streams[1] as errors, warnings.catch_warnings():
         # commands print notes on files by themselves
         warnings.simplefilter("ignore", InputWarning)
@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(_end(output, errors, code, argv is None) or 0)
 
 
-class Output(io.TextIOBase):
+class SafeStream(io.TextIOBase):
     """Standard output or error that may be missing, closed or full: no work stops because of what cannot be printed.
 
     stream: Python's own, or None. error: of the first text that was not written; nothing is written after it.
@@ -106,7 +106,7 @@ class Output(io.TextIOBase):
         return super().fileno() if self.stream is None else self.stream.fileno()
 
 
-def _end(output: Output, errors: Output, code: str | int | None, ends: bool) -> str | int | None:
+def _end(output: SafeStream, errors: SafeStream, code: str | int | None, ends: bool) -> str | int | None:
     """The exit code of a command by its own. Where its output cannot be written: a line, and BAD_INPUT instead of 0.
 
     ends: whether the process ends. Python flushes both streams then, and would complain: they become a null device.
@@ -156,11 +156,11 @@ def _run(arguments: list[str]) -> int:
         parser = _parser(arguments)
         command = _command_of(parser, *arguments[:1])
         if command is not None:
-            _refuse_unknown(command, arguments[1:])
+            _reject_unknown(command, arguments[1:])
         args, rest = parser.parse_known_args(arguments)
         if command is not None and rest:
-            _refuse_rest(command, rest)
-        refuse_empty(args)
+            _reject_rest(command, rest)
+        reject_empty(args)
         # a program that calls the command goes on with its own budget
         with within(getattr(args, "memory", None)):
             return int(args.run(args))
@@ -192,7 +192,7 @@ def _with_command(arguments: list[str]) -> list[str]:
         return arguments
     if re.fullmatch(r"[a-z][a-z0-9-]*", arguments[0]) and not os.path.exists(arguments[0]):
         # of other packages
-        COMMANDS.update((arguments[0], row) for row in load_plugins("commands", Command, arguments[0]))
+        COMMANDS.update((arguments[0], row) for row in load_plugins("commands", Subcommand, arguments[0]))
         if arguments[0] in COMMANDS:
             return arguments
     if arguments[0].startswith("-"):
@@ -230,7 +230,7 @@ def _command_of(parser: argparse.ArgumentParser, name: str = "") -> Parser | Non
     return command
 
 
-def _refuse_unknown(command: argparse.ArgumentParser, words: Sequence[str]) -> None:
+def _reject_unknown(command: argparse.ArgumentParser, words: Sequence[str]) -> None:
     """Exits with the first unknown option, before argparse asks for operands and required options."""
     known = command._option_string_actions
     for word in takewhile(lambda word: word != "--", words):
@@ -239,7 +239,7 @@ def _refuse_unknown(command: argparse.ArgumentParser, words: Sequence[str]) -> N
             command.error(f"unknown option {word}{_nearest(word, known)}")
 
 
-def _refuse_rest(command: argparse.ArgumentParser, rest: list[str]) -> NoReturn:
+def _reject_rest(command: argparse.ArgumentParser, rest: list[str]) -> NoReturn:
     """Exits with the surplus operands."""
     name = command.prog.split()[-1]
     series = "; splatgl render draws several, splatgl animate a series" if name == "view" else ""
@@ -250,7 +250,7 @@ def _refuse_rest(command: argparse.ArgumentParser, rest: list[str]) -> NoReturn:
     command.error(f"expected {operands or 'no more'}, got also {' '.join(rest)}{preset or series}")
 
 
-def refuse_empty(args: argparse.Namespace) -> None:
+def reject_empty(args: argparse.Namespace) -> None:
     """InputError for an empty argument, such as an unset shell variable."""
     for name, value in vars(args).items():
         if value == "" or (isinstance(value, list) and "" in value):
@@ -278,7 +278,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     return parser
 
 
-class Command(NamedTuple):
+class Subcommand(NamedTuple):
     """A command. Of another package it is what an entry point of the group `splatgl.commands` leads to, with its name.
 
     place: function, or place of one as of a `Format`, that adds options to an argparse parser, and sets `run`: a
@@ -291,22 +291,22 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "render": Command("draw pictures of volumes or scenes", "render.add_parser", "SOURCE…"),
-    "view": Command("open a window on a volume or a scene", "view.add_parser", "SOURCE"),
-    "animate": Command(
+    "render": Subcommand("draw pictures of volumes or scenes", "render.add_parser", "SOURCE…"),
+    "view": Subcommand("open a window on a volume or a scene", "view.add_parser", "SOURCE"),
+    "animate": Subcommand(
         "draw frames or a movie: a turntable, keyframes, or a series", "animate.add_parser", "SOURCE… -o OUTPUT"
     ),
-    "compare": Command("compare pictures or folders, and describe changes", "compare.add_parser", "ACTUAL EXPECTED"),
-    "info": Command("describe a volume file", "info.add_info_parser", "SOURCE"),
-    "presets": Command("list transfer functions, or draw a volume with each", "presets.add_parser", "[SOURCE]"),
-    "convert": Command("write a volume in another format", "export.add_convert_parser", "SOURCE OUT"),
-    "surface": Command(
+    "compare": Subcommand("compare pictures or folders, and describe changes", "compare.add_parser", "ACTUAL EXPECTED"),
+    "info": Subcommand("describe a volume file", "info.add_info_parser", "SOURCE"),
+    "presets": Subcommand("list transfer functions, or draw a volume with each", "presets.add_parser", "[SOURCE]"),
+    "convert": Subcommand("write a volume in another format", "export.add_convert_parser", "SOURCE OUT"),
+    "surface": Subcommand(
         "write the surface at a value as a mesh", "export.add_surface_parser", "SOURCE --iso VALUE -o OUT.stl"
     ),
-    "pyramid": Command(
+    "pyramid": Subcommand(
         "write a classified volume with coarser levels", "export.add_pyramid_parser", "SOURCE -o DIR.zarr"
     ),
-    "pick": Command("print the value and position under a pixel", "pick.add_parser", "SOURCE X,Y"),
-    "doctor": Command("describe and check the OpenGL of this machine", "info.add_doctor_parser"),
-    "report": Command("measure error against run time of every method", "report.add_parser", "[SOURCE…]"),
+    "pick": Subcommand("print the value and position under a pixel", "pick.add_parser", "SOURCE X,Y"),
+    "doctor": Subcommand("describe and check the OpenGL of this machine", "info.add_doctor_parser"),
+    "report": Subcommand("measure error against run time of every method", "report.add_parser", "[SOURCE…]"),
 }

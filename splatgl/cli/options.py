@@ -14,7 +14,7 @@ from splatgl.cli.parser import add_option, add_options, group_of
 from splatgl.data.scenes import SCENES
 from splatgl.errors import SIMILAR, expected
 from splatgl.opengl import OpenGL
-from splatgl.options import Group, declared, names_of
+from splatgl.options import HelpGroup, declared, names_of
 from splatgl.platforms import CHOICES
 from splatgl.readers import require_source
 from splatgl.readers.options import LoadOptions, inside
@@ -53,7 +53,7 @@ def add_transfer(parser: argparse.ArgumentParser) -> None:
 
 def add_backend(parser: argparse.ArgumentParser, default: str = "auto") -> None:
     """Adds the OpenGL backend options."""
-    group = group_of(parser, Group.OPENGL)
+    group = group_of(parser, HelpGroup.OPENGL)
     group.add_argument("--backend", default=default, metavar="NAME", help=f"{CHOICES} (default {default})")
     about = "number of the EGL device, from 0; splatgl doctor lists them"
     group.add_argument("--device", type=int, metavar="N", help=about)
@@ -75,7 +75,7 @@ def add_drawing(parser: argparse.ArgumentParser, backend: str = "auto", size: st
     add_options(parser, TransferChoice, "color_of", "window_of")
     add_options(parser, SceneFile, "clip", "crop", "mask", "uncut", "scissors", "layers", "meshes", "slice_planes")
     add_options(parser, SceneFile, "surfaces")
-    group = group_of(parser, Group.LAYERS)
+    group = group_of(parser, HelpGroup.LAYERS)
     labels: Any = group.add_argument(
         "--labels", metavar="FILE|NAME", help="segmentation to draw: a file, or a name in OME-Zarr"
     )
@@ -90,7 +90,7 @@ def add_drawing(parser: argparse.ArgumentParser, backend: str = "auto", size: st
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """Adds the options of Settings, and their presets of earlier versions."""
     add_options(parser, Settings, *(name for name in names_of(Settings) if name not in ("moments", "shutter")))
-    group = group_of(parser, Group.PAPER)
+    group = group_of(parser, HelpGroup.PAPER)
     group.add_argument("--like", metavar="VERSION", help=f"defaults of an earlier version: {', '.join(LIKE)}")
     group.add_argument("--paper", action="store_true", help="hardware path of 1998: hybrid, 8 bits, streaks")
 
@@ -98,7 +98,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 def scene_from(args: argparse.Namespace, source: str | None = None) -> SceneFile:
     """The scene of a command's options; they override a scene.toml. source: None: the command's."""
     named = args.source if source is None else source
-    _refuse_many(named, hasattr(args, "more"))
+    _reject_many(named, hasattr(args, "more"))
     source, array = inside(named)
     given = {name: value for name, value in vars(args).items() if value is not None}
     if is_mesh(source) and not hasattr(args, "meshes"):
@@ -148,7 +148,7 @@ def require_sources(sources: Iterable[str]) -> None:
             require_source(source)
 
 
-def _refuse_many(source: str, takes_many: bool) -> None:
+def _reject_many(source: str, takes_many: bool) -> None:
     """InputError for standard input, for a pattern where one volume is drawn, and for the name of a preset."""
     if advice := preset_advice(source):
         raise expected(source, "a file", "no such file", advice)

@@ -55,9 +55,9 @@ class Parser(argparse.ArgumentParser):
         if not separator:
             return message
         flags, before, colon, name = self.flags, *head.rpartition(": ")
-        from splatgl.options import Group
+        from splatgl.options import HelpGroup
 
-        reading = [a.dest for g in self._action_groups if g.title == Group.READING for a in g._group_actions]
+        reading = [a.dest for g in self._action_groups if g.title == HelpGroup.READING for a in g._group_actions]
         plain = name.removeprefix("transfer ")
         of_file = bool(colon) or plain != name or str(getattr(args, "source", "")).endswith(".toml")
         plain = plain if colon else OTHER_NAMES.get(plain, plain)
@@ -83,10 +83,10 @@ class Parser(argparse.ArgumentParser):
         # the program itself imports no more than its commands' names
         if self._subparsers is not None:
             return super().format_help()
-        from splatgl.options import Group
+        from splatgl.options import HelpGroup
 
         # groups that commands share
-        places = {str(group): place for place, group in enumerate(Group) if group != Group.ANIMATION}
+        places = {str(group): place for place, group in enumerate(HelpGroup) if group != HelpGroup.ANIMATION}
         self._action_groups.sort(key=lambda group: places.get(group.title or "", -1))
         if everything or not self.is_long:
             return super().format_help()

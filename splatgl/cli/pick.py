@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     if not (column < width and row < height):
         raise expected("X,Y", f"a pixel of {width}×{height}, or --size", f"{column},{row}")
     opened = OpenScene.read(file, args.quiet or args.json)
-    picked = pick(opened.scene, opened.camera, args.pixel, mode=args.mode, settings=file.settings.but(clip=()))
+    picked = pick(opened.scene, opened.camera, args.pixel, mode=args.mode, settings=file.settings.replace(clip=()))
     if picked is None:
         print("null" if args.json else "nothing is seen there")
         return NOTHING

@@ -25,7 +25,7 @@ from splatgl.cli.parser import add_options, group_of
 from splatgl.data.color import AUTO
 from splatgl.data.image import Image, save_map
 from splatgl.errors import expected
-from splatgl.options import Group, declared, names_of
+from splatgl.options import HelpGroup, declared, names_of
 from splatgl.scene.draw import DrawOptions, WorkerOptions, depths_of, draw, draw_on_workers
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
@@ -87,7 +87,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", metavar="FILE", help=about)
     add_options(parser, SceneFile, "annotate", "slices")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
-    output = group_of(parser, Group.OUTPUT)
+    output = group_of(parser, HelpGroup.OUTPUT)
     add_options(parser, ViewOptions, *ON_PAPER)
     about = "draw all sources with the camera of the first, and in one look: of the values that spread most"
     output.add_argument("--same", action="store_true", help=about)

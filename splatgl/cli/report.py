@@ -18,7 +18,7 @@ from splatgl.errors import InputError, expected
 from splatgl.opengl import OpenGL
 from splatgl.options import declared
 from splatgl.report.methods import AXES, add_kernel, methods
-from splatgl.report.sweep import LEVELS, Level, Subject, Sweep, Truths
+from splatgl.report.sweep import LEVELS, EffortLevel, ReportSubject, Sweep, Truths
 from splatgl.scene.draw import terminal_bar
 from splatgl.splat.settings import Settings
 
@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
     return ended
 
 
-def _level(args: argparse.Namespace) -> Level:
+def _level(args: argparse.Namespace) -> EffortLevel:
     level = LEVELS["quick" if args.quick else "full" if args.full else "normal"]
     for name, least, most in (("size", 8, MAX_SIZE), ("rounds", 1, MAX_ROUNDS)):
         value = getattr(args, name)
@@ -141,11 +141,11 @@ def _progress(steps: int, quiet: bool) -> Iterator[Tick]:
         yield tick
 
 
-def open_subjects(sources: Sequence[str], level: Level) -> list[Subject]:
-    """Scenes of all sources with unique names, valid for files. Raises InputError as `Subject.open`."""
-    subjects: list[Subject] = []
+def open_subjects(sources: Sequence[str], level: EffortLevel) -> list[ReportSubject]:
+    """Scenes of all sources with unique names, valid for files. Raises InputError as `ReportSubject.open`."""
+    subjects: list[ReportSubject] = []
     for source in sources:
-        subject = Subject.open(source, level)
+        subject = ReportSubject.open(source, level)
         taken = {other.name for other in subjects}
         names = chain([subject.name], (f"{subject.name}-{n}" for n in count(2)))
         subjects.append(replace(subject, name=next(name for name in names if name not in taken)))

@@ -12,7 +12,7 @@ import numpy as np
 
 from splatgl.cli.parser import one_line
 from splatgl.data.volume import Volume
-from splatgl.errors import Choice, InputError
+from splatgl.errors import InputError, MissingOption
 from splatgl.fileio import budget, format_bytes
 from splatgl.planning.bricks import bricks_of, estimate_need, excess_need, needed_together
 from splatgl.planning.scene import channel_transfers
@@ -114,7 +114,7 @@ def _measured_level(volume: Volume) -> tuple[list[Volume], int]:
     return levels, next((n for n, level in enumerate(levels) if level.count <= MOST), len(levels) - 1)
 
 
-def describe_choice(source: str, choice: Choice, message: str) -> str:
+def describe_choice(source: str, choice: MissingOption, message: str) -> str:
     """Page on a file with several arrays: their names, and the option that selects one. message: of the error."""
     advice = message.split("; ")[1:2] or [f"--{choice.option}"]
     lines = [f"  {name:<{_LABEL - 1}} {about}" for name, about in (*choice.choices, ("to see it", advice[0]))]

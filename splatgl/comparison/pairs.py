@@ -39,7 +39,7 @@ class FilePair(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class PairResult:
     """Result for two pictures. state: same, different, missing (of one side) or unusable; error: the reason.
 
     verdict: None if missing or unusable. frame: of a file with several. pair: on request.
@@ -82,7 +82,7 @@ class Outcome:
         return str(self.verdict) if self.verdict else self.error
 
 
-def compare_all(pairs: Sequence[FilePair], criteria: Criteria, processes: int | None = None) -> Iterator[Outcome]:
+def compare_all(pairs: Sequence[FilePair], criteria: Criteria, processes: int | None = None) -> Iterator[PairResult]:
     """Yields the outcomes of pairs in their order. processes: at most; None: one a core, where that is faster.
 
     In programs other than splatgl they are threads.
@@ -93,7 +93,7 @@ def compare_all(pairs: Sequence[FilePair], criteria: Criteria, processes: int | 
     count = min(processes or os.cpu_count() or 1, len(rest) // (1 if processes else WORTH_A_PROCESS))
     work = partial(compare_files, criteria=criteria, keep=len(pairs) == 1)
     with ExitStack() as stack:
-        compared: Iterator[list[Outcome]] = map(work, rest)
+        compared: Iterator[list[PairResult]] = map(work, rest)
         if count > 1:
             spawn = partial(ProcessPoolExecutor, mp_context=get_context("spawn"))
             pool: Executor = (spawn if _is_program() else ThreadPoolExecutor)(count)
@@ -124,18 +124,18 @@ def have_equal_bytes(files: FilePair) -> bool:
         return False
 
 
-def _equal_outcome(files: FilePair, criteria: Criteria) -> Outcome:
+def _equal_outcome(files: FilePair, criteria: Criteria) -> PairResult:
     width, height = read_size(files.actual) or (0, 0)
     limits = criteria.tolerance
     comparison = equal_comparison(width * height, limits.threshold, criteria.extra | limits.extra)
-    return Outcome(files, "same", Verdict(str(files.actual), str(files.right), (width, height), comparison, limits))
+    return PairResult(files, "same", Verdict(str(files.actual), str(files.right), (width, height), comparison, limits))
 
 
-def compare_files(files: FilePair, criteria: Criteria, keep: bool = False) -> list[Outcome]:
+def compare_files(files: FilePair, criteria: Criteria, keep: bool = False) -> list[PairResult]:
     """Outcomes of the pictures of two files: one, or one a page or frame. keep: keeps the pictures in it."""
     for what, path, other in (("new picture", files.actual, files.right), ("baseline", files.right, files.actual)):
         if not path.exists() and other.exists():
-            return [Outcome(files, "missing", error=f"{files.name}: no {what}: expected {path}")]
+            return [PairResult(files, "missing", error=f"{files.name}: no {what}: expected {path}")]
     outcomes = []
     try:
         for number, pictures in enumerate(_together(files)):
@@ -143,7 +143,7 @@ def compare_files(files: FilePair, criteria: Criteria, keep: bool = False) -> li
             if not keep:
                 outcomes[-1] = replace(outcomes[-1], pair=None)
     except InputError as error:
-        outcomes.append(Outcome(files, "unusable", error=str(error), frame=len(outcomes)))
+        outcomes.append(PairResult(files, "unusable", error=str(error), frame=len(outcomes)))
     return outcomes
 
 
@@ -156,19 +156,19 @@ def _together(files: FilePair) -> Iterator[tuple[Picture | None, Picture | None]
     yield from zip_longest(*both)
 
 
-def _compare(files: FilePair, actual: Picture | None, right: Picture | None, criteria: Criteria) -> Outcome:
+def _compare(files: FilePair, actual: Picture | None, right: Picture | None, criteria: Criteria) -> PairResult:
     if actual is None or right is None:
         what, path = ("new picture", files.actual) if actual is None else ("baseline", files.right)
-        return Outcome(files, "missing", error=f"{files.name}: no {what} in {path}, which has fewer")
+        return PairResult(files, "missing", error=f"{files.name}: no {what} in {path}, which has fewer")
     try:
         pair = Pair.of(actual, right, criteria)
         verdict = pair.judge(criteria)
     except InputError as error:
-        return Outcome(files, "unusable", error=str(error))
-    return Outcome(files, verdict.state, verdict, pair=pair)
+        return PairResult(files, "unusable", error=str(error))
+    return PairResult(files, verdict.state, verdict, pair=pair)
 
 
-def build_cases(outcomes: Iterable[Outcome], criteria: Criteria) -> list[Case]:
+def build_cases(outcomes: Iterable[PairResult], criteria: Criteria) -> list[Case]:
     """Cases of a report, the largest differences first; pictures that were not kept are read again."""
     from splatgl.comparison.reports import MOST_PICTURED
 
@@ -176,7 +176,7 @@ def build_cases(outcomes: Iterable[Outcome], criteria: Criteria) -> list[Case]:
     return [_case(outcome, criteria, place < MOST_PICTURED) for place, outcome in enumerate(ranked)]
 
 
-def _case(outcome: Outcome, criteria: Criteria, pictured: bool) -> Case:
+def _case(outcome: PairResult, criteria: Criteria, pictured: bool) -> Case:
     from splatgl.comparison.reports import Case, image_html, pair_html
 
     files, html = outcome.files, ""

@@ -30,7 +30,7 @@ from splatgl.comparison.pictures import Picture, as_image, match_formats, read_m
 from splatgl.data.image import Image
 from splatgl.errors import error_prefix, expected
 from splatgl.fileio import load_table
-from splatgl.options import Group, Kind, check_options, checked, declared, flag_name, option, refuse_unknown
+from splatgl.options import HelpGroup, ValueKind, check_options, checked, declared, flag_name, option, reject_unknown
 
 # Two correct renderers round some pixels differently: one in a thousand gives an RMSE of 0.03/255 and a bias below
 # 0.01/255. One step more everywhere, even in black, gives a bias of 0.05/255 or more.
@@ -49,10 +49,10 @@ def read_limit(value: Any) -> float | None:
 
 
 FRACTION = "a number from 0, or a fraction such as 2/255"
-LIMIT = Kind(FRACTION, read_limit, read_limit, "X", written=FRACTION, hint="float | str")
+LIMIT = ValueKind(FRACTION, read_limit, read_limit, "X", written=FRACTION, hint="float | str")
 
 
-criterion, limiting = (partial(option, group=group) for group in (Group.COMPARISON, Group.LIMITS))
+criterion, limiting = (partial(option, group=group) for group in (HelpGroup.COMPARISON, HelpGroup.LIMITS))
 
 
 def _limit(flag: str, help: str, default: float | None = None, metavar: str = "") -> Any:
@@ -117,10 +117,16 @@ class Criteria:
     mask: np.ndarray | None = None
     ignore: tuple[tuple[int, int, int, int], ...] = ()
     antialiased: bool = criterion(
-        True, Kind.flag(), "do not compare pixels that only smooth an edge", flag="--ignore-antialiased", bare=False
+        True,
+        ValueKind.flag(),
+        "do not compare pixels that only smooth an edge",
+        flag="--ignore-antialiased",
+        bare=False,
     )
-    any_mode: bool = criterion(False, Kind.flag(), "also compare RGB with RGBA or gray, as they look", bare=True)
-    align: str = criterion("corner", Kind.choice(ALIGNMENTS), "alignment of images of different size", metavar="HOW")
+    any_mode: bool = criterion(False, ValueKind.flag(), "also compare RGB with RGBA or gray, as they look", bare=True)
+    align: str = criterion(
+        "corner", ValueKind.choice(ALIGNMENTS), "alignment of images of different size", metavar="HOW"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,7 +312,7 @@ def _is_rectangle(value: Any) -> bool:
 
 SOME = f"all, or some of {', '.join(METRICS)}"
 REGIONS = "names with rectangles, such as clock = [0, 0, 90, 20]"
-FILE_NAME = Kind.instance("a name", str, Path, metavar="FILE")
+FILE_NAME = ValueKind.instance("a name", str, Path, metavar="FILE")
 
 
 @dataclass(frozen=True)
@@ -318,24 +324,24 @@ class CompareOptions:
     """
 
     metric: tuple[str, ...] = criterion(
-        (), Kind(SOME, _check_metrics, _check_metrics, "M,M…", written=SOME), f"metrics to print: {SOME}"
+        (), ValueKind(SOME, _check_metrics, _check_metrics, "M,M…", written=SOME), f"metrics to print: {SOME}"
     )
     mask: Path | None = criterion(None, FILE_NAME, "compare only where this picture is not black")
     ignore: tuple[Rectangle | Path, ...] = criterion(
         (),
-        Kind("rectangles, pictures or names of regions", _list_parts, metavar="LEFT,TOP,WIDTH,HEIGHT|FILE|NAME"),
+        ValueKind("rectangles, pictures or names of regions", _list_parts, metavar="LEFT,TOP,WIDTH,HEIGHT|FILE|NAME"),
         "do not compare a rectangle, where a picture is not black, or a region of pyproject.toml; may be repeated",
         repeat=True,
     )
     noise: str = limiting(
-        "none", Kind.choice(NOISE), "limits by name. driver allows few, scattered pixels that differ by few levels"
+        "none", ValueKind.choice(NOISE), "limits by name. driver allows few, scattered pixels that differ by few levels"
     )
     tolerance: Tolerance | float | None = limiting(
         None, replace(LIMIT, check=_check_tolerance), "same as --max-difference E", metavar="E"
     )
-    regions: Mapping[str, Any] | None = option(None, Kind(REGIONS, dict))
+    regions: Mapping[str, Any] | None = option(None, ValueKind(REGIONS, dict))
     baselines: Path | None = option(None, FILE_NAME)
-    baseline_class: str | None = option(None, Kind.instance("a name", str), flag="--class")
+    baseline_class: str | None = option(None, ValueKind.instance("a name", str), flag="--class")
     report: Path | None = option(None, FILE_NAME)
     summary: Path | None = option(None, FILE_NAME)
     limits: Mapping[str, float] = field(default_factory=dict)
@@ -353,7 +359,7 @@ class CompareOptions:
         tables = load_table(file, "a project").get("tool", {}).get("splatgl", {})
         if not isinstance(tables, dict) or not isinstance(tables.get("compare", {}), dict):
             raise expected(f"{file}: {TABLE}", "a table", "another value")
-        refuse_unknown(f"{file}: [tool.splatgl]", tables, ("compare",), f"the table {TABLE}")
+        reject_unknown(f"{file}: [tool.splatgl]", tables, ("compare",), f"the table {TABLE}")
         return cls(folder=folder or file.parent).changed(tables.get("compare", {}), f"{file}: {TABLE}")
 
     def changed(self, values: Mapping[str, Any], what: str = "") -> CompareOptions:
@@ -361,7 +367,7 @@ class CompareOptions:
         limits, `noise` too. what: their place, for messages. Raises InputError for unknown names and bad values.
         """
         named = {name.replace("_", "-"): value for name, value in values.items() if value is not None}
-        refuse_unknown(what or "options", named, OPTIONS)
+        reject_unknown(what or "options", named, OPTIONS)
         stated: dict[type, dict[str, Any]] = {record: {} for record in RECORDS}
         with error_prefix(what) if what else nullcontext():
             for name, value in named.items():
@@ -446,7 +452,7 @@ def judge(a: Any, b: Any, **settings: Any) -> Verdict:
     print(sg.judge(new, old, noise="driver"))
     ```
     """
-    refuse_unknown("judge", settings, [name.replace("-", "_") for name in STATED])
+    reject_unknown("judge", settings, [name.replace("-", "_") for name in STATED])
     criteria = CompareOptions().changed(settings).resolve()
     first, second = (Picture(name, as_image(value, name)) for name, value in zip(NAMES, (a, b), strict=True))
     return Pair.of(first, second, criteria).judge(criteria)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from splatgl.data.times import plain_unit
-from splatgl.data.volume import Axis, Triple, Volume, triple
+from splatgl.data.volume import AxisCoordinate, Triple, Volume, triple
 from splatgl.errors import expected
 from splatgl.fileio import WHOLE_BYTES, budget, byte_count, held_within_budget
 
@@ -78,7 +78,7 @@ class Coordinate:
 
 
 @dataclass(frozen=True)
-class Lattice:
+class CoordinateGrid:
     """matrix: world-from-index [3, 3]; origin (x, y, z); unit of length. between: fractional sample indices of the
     resampled planes along z, y, x, or None; at: fractional plane indices of the samples. notes: on resampled axes, in
     one line, and on scaled ones. axes: as of a volume.
@@ -90,7 +90,7 @@ class Lattice:
     between: tuple[np.ndarray | None, ...]
     at: tuple[np.ndarray | None, ...]
     notes: tuple[str, ...]
-    axes: tuple[Axis, ...] = ()
+    axes: tuple[AxisCoordinate, ...] = ()
 
     def resampled(self, samples: Any) -> Any:
         """The samples [z, y, x, …] at the planes; read in parts if they take more than WHOLE_BYTES."""
@@ -144,7 +144,9 @@ def describe_error(resampled: np.ndarray, stored: np.ndarray, where: str = "") -
 
 
 def volume_on_grid(samples: Any, matrix: np.ndarray, origin: Any, what: str, **more: Any) -> Volume:
-    """The volume of samples on the grid of a world-from-index matrix [3, 3] and an origin; see `Lattice.volume`."""
+    """The volume of samples on the grid of a world-from-index matrix [3, 3] and an origin; see
+    `CoordinateGrid.volume`.
+    """
     spacing, direction = spacing_and_direction(matrix, what)
     return Volume(samples, spacing, triple(origin, what), direction, **more)
 
@@ -168,7 +170,7 @@ def axis_kind(name: str, attributes: Mapping[str, Any]) -> str:
     return next((kind for kind, names in _NAMES.items() if name.lower() in names), "")
 
 
-def make_lattice(axes: Sequence[Coordinate], of: str = "", even: bool = False) -> Lattice:
+def make_lattice(axes: Sequence[Coordinate], of: str = "", even: bool = False) -> CoordinateGrid:
     """The grid of axes z, y, x: axes that point down run down, uneven coordinates are resampled at their least step,
     as far as memory permits, and axes of different units are scaled. of: name of the samples. even: assume even
     coordinates of step 1.
@@ -199,12 +201,12 @@ def make_lattice(axes: Sequence[Coordinate], of: str = "", even: bool = False) -
     known = [abs(step) for step in scaled_steps if np.isfinite(step)] or [1.0]
     scaled_steps = [step if np.isfinite(step) else min(known) for step in scaled_steps]
     origin = [0.0] * 3 if even else [start * factor for start, factor in zip(starts, factors, strict=True)]
-    matrix, named = np.diag(scaled_steps[::-1]), list[Axis]()
+    matrix, named = np.diag(scaled_steps[::-1]), list[AxisCoordinate]()
     if not even and any(axis.places is not None for axis in axes):
         slopes = ((-1.0 if axis.is_down else 1.0) / factor for axis, factor in zip(axes, factors, strict=True))
         short = (axis.name.rsplit("/", 1)[-1] for axis in axes)
-        named = [Axis(name, axis.unit, slope) for name, axis, slope in zip(short, axes, slopes, strict=True)]
-    return Lattice(matrix, origin[::-1], unit, tuple(between), tuple(at), tuple(notes), tuple(named[::-1]))
+        named = [AxisCoordinate(name, axis.unit, slope) for name, axis, slope in zip(short, axes, slopes, strict=True)]
+    return CoordinateGrid(matrix, origin[::-1], unit, tuple(between), tuple(at), tuple(notes), tuple(named[::-1]))
 
 
 def _plane_counts(every: Sequence[np.ndarray]) -> list[int]:

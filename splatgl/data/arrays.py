@@ -22,7 +22,7 @@ from splatgl.data.affine import (
 )
 from splatgl.data.volume import ArrayOptions, Hints, Volume, triple
 from splatgl.errors import InputError, expected, list_names, one_line
-from splatgl.options import refuse_unknown
+from splatgl.options import reject_unknown
 
 # root module of a type, or of one of its bases → its function; others are arrays
 _SOURCES = {
@@ -38,7 +38,7 @@ _SOURCES = {
 def volume_of(x: Any, **options: Any) -> Volume:
     """The volume in `x`, with the options of `ArrayOptions`; see `Volume.of`."""
     names = [field.name for field in fields(ArrayOptions)]
-    refuse_unknown("options", sorted(options), names, f"some of {', '.join(names)}")
+    reject_unknown("options", sorted(options), names, f"some of {', '.join(names)}")
     array_options = ArrayOptions(**options)
     if isinstance(x, Volume):
         array_options.no_array("a volume")
@@ -267,7 +267,7 @@ class Transposed:
         return np.expand_dims(part, free.index(None)) if None in free else part
 
 
-class Changed:
+class ConvertedArray:
     """An array of a shape and type that is read in parts, each of which a function changes."""
 
     def __init__(
@@ -279,7 +279,7 @@ class Changed:
         return self.change(np.asarray(self.array[key]))
 
 
-class Window:
+class ArrayWindow:
     """A box of an array that is read in parts, as an array of its own."""
 
     def __init__(self, array: Any, box: tuple[slice, ...]) -> None:

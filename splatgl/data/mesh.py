@@ -441,7 +441,7 @@ def _outline(mesh: Mesh, normal: np.ndarray, place: float) -> np.ndarray:
     return np.asarray(ends[:, 0] + (ends[:, 1] - ends[:, 0]) * share[:, None]).reshape(-1, 2, 3)
 
 
-class Strips(NamedTuple):
+class FillStrips(NamedTuple):
     """Parts of lines between neighbouring rows, by strip and from left to right. number [N]: of the strip; low, high
     [N]: x on its lower and upper row.
     """
@@ -476,7 +476,7 @@ def fill_outline(lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([points[:, 1], rows[points[:, 0].astype(int)]], axis=1), np.concatenate(faces)
 
 
-def _strips(lines: np.ndarray, rows: np.ndarray) -> Strips:
+def _strips(lines: np.ndarray, rows: np.ndarray) -> FillStrips:
     """The parts of upward lines [S, 2, 2] between rows [R], among which are those of all ends."""
     first, last = (np.searchsorted(rows, lines[:, end, 1]) for end in (0, 1))
     line, strip = _ranges(first, last)
@@ -486,10 +486,10 @@ def _strips(lines: np.ndarray, rows: np.ndarray) -> Strips:
         for at in (rows[strip], rows[strip + 1])
     )
     order = np.lexsort((low + high, strip))
-    return Strips(strip[order], low[order], high[order])
+    return FillStrips(strip[order], low[order], high[order])
 
 
-def _crossings(strips: Strips, rows: np.ndarray, slack: float) -> np.ndarray:
+def _crossings(strips: FillStrips, rows: np.ndarray, slack: float) -> np.ndarray:
     """Further rows, where neighbouring lines of a strip cross by more than `slack`."""
     below, above = np.diff(strips.low), np.diff(strips.high)
     some = np.flatnonzero((np.diff(strips.number) == 0) & (np.minimum(below, above) < -slack))

@@ -108,7 +108,7 @@ class Label:
 
 
 @dataclass(frozen=True)
-class Axis:
+class AxisCoordinate:
     """A file's coordinate along an axis of the world: offset + slope · place, in its unit, under its name."""
 
     name: str
@@ -206,7 +206,7 @@ class Volume:
     time_step: float | None = None
     time: int = 0
     moments: Times | None = None
-    axes: tuple[Axis, ...] = ()
+    axes: tuple[AxisCoordinate, ...] = ()
     value_unit: str = ""
     quantity: str = ""
     masks: tuple[Any, ...] = ()
@@ -553,11 +553,11 @@ def some(names: Sequence[str]) -> str:
 
 
 def _round_samples(volume: Volume) -> Volume:
-    from splatgl.data.arrays import Changed
+    from splatgl.data.arrays import ConvertedArray
 
     stored: Any = volume.samples
     is_array = isinstance(stored, np.ndarray)
-    whole = np.rint(stored) if is_array else Changed(stored, stored.shape, np.dtype(stored.dtype), np.rint)
+    whole = np.rint(stored) if is_array else ConvertedArray(stored, stored.shape, np.dtype(stored.dtype), np.rint)
     return replace(volume, samples=whole)
 
 

@@ -257,7 +257,7 @@ def _shells(job: WorkerJob, sent: Volume | None, count: int) -> tuple[str, list[
     """Plans the parts, on a worker; returns the `join` of the blend, and their shells."""
     bricks, chosen = _planned(job, sent)
     assert chosen.resolved.sheets is not None
-    return chosen.program.look.join, bricks.shells(chosen.resolved.sheets, chosen.view, count)
+    return chosen.program.appearance.join, bricks.shells(chosen.resolved.sheets, chosen.view, count)
 
 
 def _part(job: WorkerJob, sent: Volume | None, shell: Shell) -> PicturePart:

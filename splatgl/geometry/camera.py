@@ -60,7 +60,7 @@ class Bounded(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class FittedPoints:
     """Points [N, 3] to which a view is fitted, world units, and their anatomical frame."""
 
     outline: np.ndarray

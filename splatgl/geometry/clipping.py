@@ -153,7 +153,7 @@ SLACK = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class ClipUnits:
     """Box to which fractions in plane conditions refer. low, high [3]: world units; unit: name of the unit."""
 
     low: np.ndarray
@@ -161,18 +161,18 @@ class Box:
     unit: str = ""
 
     @classmethod
-    def of(cls, volumes: Iterable[Volume]) -> Box:
+    def of(cls, volumes: Iterable[Volume]) -> ClipUnits:
         """Box around all volumes, in the unit of the first."""
         boxed = list(volumes)
         corners = np.concatenate([volume.corners for volume in boxed])
         return cls(corners.min(axis=0), corners.max(axis=0), boxed[0].unit)
 
-    def meets(self, other: Box) -> bool:
+    def meets(self, other: ClipUnits) -> bool:
         """Whether the boxes have a point in common."""
         return bool((self.low <= other.high).all() and (other.low <= self.high).all())
 
 
-def parse_planes(cuts: str | Sequence[Any], box: Box) -> tuple[Plane, ...]:
+def parse_planes(cuts: str | Sequence[Any], box: ClipUnits) -> tuple[Plane, ...]:
     """Parses plane conditions, or rows of four numbers. Raises InputError for anything else, and if the planes clip the
     whole box.
     """
@@ -254,7 +254,7 @@ def index_plane(volume: Volume, axis: int, sign: int, place: float) -> Plane:
     return x, y, z, float(sign * place + normal @ np.asarray(volume.origin))
 
 
-def _parse_condition(text: str, box: Box) -> tuple[float, ...]:
+def _parse_condition(text: str, box: ClipUnits) -> tuple[float, ...]:
     compact = text.replace(" ", "")
     if ":" in compact:
         try:

@@ -84,7 +84,7 @@ def sample_raster(
     if not all(some.any() for some in inside):
         return values, known
     lines = [line[some] for line, some in zip(lines, inside, strict=True)]
-    box = Box.around(volume, [line.min() for line in lines], [line.max() for line in lines], nearest)
+    box = PaddedBox.around(volume, [line.min() for line in lines], [line.max() for line in lines], nearest)
     z, y, x = (box.nearest(line, axis) for axis, line in reversed(list(enumerate(lines))))
     seen = box.known[np.ix_(z, y, x)]
     part = box.values[np.ix_(z, y, x)] if nearest else box.values
@@ -132,7 +132,7 @@ def _parts(volume: Volume, places: np.ndarray, some: np.ndarray) -> list[np.ndar
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class PaddedBox:
     """Voxels with a margin of REACH, continued beyond the volume's ends. values [D, H, W] or [D, H, W, 3]; known bool;
     first [3]: grid position (x, y, z) of the first; last [3]: index of the volume's last voxel.
     """
@@ -143,7 +143,7 @@ class Box:
     last: np.ndarray
 
     @classmethod
-    def around(cls, volume: Volume, low: object, high: object, nearest: bool = False) -> Box:
+    def around(cls, volume: Volume, low: object, high: object, nearest: bool = False) -> PaddedBox:
         """The box of the voxels that positions from low to high [3] (x, y, z) need. nearest: those alone, as samples
         are; else in float64, missing ones filled.
         """
@@ -179,7 +179,7 @@ class Box:
 
 
 def _sample_part(volume: Volume, places: np.ndarray, nearest: bool) -> tuple[np.ndarray, np.ndarray]:
-    box = Box.around(volume, places.min(axis=0), places.max(axis=0), nearest)
+    box = PaddedBox.around(volume, places.min(axis=0), places.max(axis=0), nearest)
     x, y, z = (box.nearest(places[:, axis], axis) for axis in range(3))
     known = box.known[z, y, x]
     if nearest:

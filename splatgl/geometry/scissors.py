@@ -19,7 +19,7 @@ from splatgl.coercion import public
 from splatgl.data.affine import World
 from splatgl.data.volume import Places, with_parts
 from splatgl.errors import expected
-from splatgl.options import refuse_unknown
+from splatgl.options import reject_unknown
 
 if TYPE_CHECKING:
     from splatgl.data.volume import Volume
@@ -77,7 +77,7 @@ class Scissors:
         """Scissors of a text, of corners, or of a table of a scene file with its view, by the names in VIEW."""
         if isinstance(given, Scissors) or not isinstance(given, Mapping):
             return given if isinstance(given, Scissors) else cls(given)
-        refuse_unknown("scissors", given, ("outline", "keep", *VIEW))
+        reject_unknown("scissors", given, ("outline", "keep", *VIEW))
         view = {name: given[name] for name in VIEW if name in given}
         outline, keep = given.get("outline", ""), given.get("keep", False)
         if not view:

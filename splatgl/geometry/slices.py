@@ -24,7 +24,7 @@ from splatgl.errors import expected
 from splatgl.geometry.clipping import Plane, box_planes
 from splatgl.geometry.grid import Grid
 from splatgl.geometry.resample import BEYOND, Raster, level_for, sample_places, sample_raster
-from splatgl.options import Group, Kind, Option
+from splatgl.options import HelpGroup, Option, ValueKind
 from splatgl.transfer.colormaps import FURTHEST, SOLID, UNKNOWN, colormap, interpolate_map
 from splatgl.transfer.transfer import Transfer
 
@@ -45,7 +45,7 @@ PLACE = rf"({NUMBER})(%|[^\W\d_]*)"
 AT = "@"
 
 
-class Where(NamedTuple):
+class SlicePosition(NamedTuple):
     """A parsed text. name: of the axis; numbers: the place, or start, stop and step; unit: "" of voxels, "%", or of
     length. point, normal: of a plane without an axis.
     """
@@ -58,7 +58,7 @@ class Where(NamedTuple):
     normal: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, text: str) -> Where:
+    def of(cls, text: str) -> SlicePosition:
         """Raises InputError for text of another form."""
         compact = text.replace(" ", "").lower()
         name, equals, place = compact.partition("=")
@@ -100,7 +100,7 @@ class Slice:
                 raise expected("slice", FORM, repr(where)[:80]) from None
             object.__setattr__(self, "where", where)
         place, at, opacity = where.partition(AT)
-        Where.of(place)
+        SlicePosition.of(place)
         try:
             known = not at or 0 <= float(opacity) <= 1
         except ValueError:
@@ -159,7 +159,7 @@ def check_slices(value: Any) -> tuple[str, ...]:
     """Texts of slices from one or several texts. Raises InputError for another form."""
     texts = (value,) if isinstance(value, str) else tuple(value)
     for text in texts:
-        Where.of(text if isinstance(text, str) else repr(text))
+        SlicePosition.of(text if isinstance(text, str) else repr(text))
     return texts
 
 
@@ -170,16 +170,16 @@ def check_planes(value: Any) -> tuple[str, ...]:
 
 
 SLICES = Option(
-    Kind("slices", check_slices, metavar="AXIS=PLACE", hint="str | Sequence[str]"),
+    ValueKind("slices", check_slices, metavar="AXIS=PLACE", hint="str | Sequence[str]"),
     "draw slices instead, such as z=120, z=50%, axial=30mm, z=10:90:8. Or through POINT:NORMAL; repeatable",
-    Group.PICTURE,
+    HelpGroup.PICTURE,
     flag="--slice",
     repeat=True,
 )
 SLICE_PLANES = Option(
-    Kind("slices", check_planes, metavar="AXIS=PLACE[@OPACITY]", hint="str | Sequence[Any]"),
+    ValueKind("slices", check_planes, metavar="AXIS=PLACE[@OPACITY]", hint="str | Sequence[Any]"),
     "show a slice as a plane in space, such as z=120 or axial@0.5. Places as of --slice; repeatable",
-    Group.LAYERS,
+    HelpGroup.LAYERS,
     flag="--slice-plane",
     repeat=True,
 )
@@ -192,7 +192,7 @@ def parse_slices(texts: str | Sequence[str], volume: Volume, up: np.ndarray | No
     planes: list[SlicePlane] = []
     upwards = np.array([0.0, 0.0, 1.0]) if up is None else up
     for text in [texts] if isinstance(texts, str) else texts:
-        where = Where.of(text)
+        where = SlicePosition.of(text)
         if where.name:
             planes += [_axis_plane(where, volume, upwards, at) for at in _places(where, volume)]
         else:
@@ -203,7 +203,7 @@ def parse_slices(texts: str | Sequence[str], volume: Volume, up: np.ndarray | No
     return tuple(planes)
 
 
-def _places(where: Where, volume: Volume) -> list[float]:
+def _places(where: SlicePosition, volume: Volume) -> list[float]:
     """Places along the axis, in the unit."""
     size, numbers, unit = volume.shape[2 - grid_axis(volume, where.name)], where.numbers, where.unit
     if len(numbers) == 1:
@@ -216,14 +216,14 @@ def _places(where: Where, volume: Volume) -> list[float]:
     return [float(at) for at in np.arange(first, stop, step)]
 
 
-def _length(where: Where, volume: Volume) -> float:
+def _length(where: SlicePosition, volume: Volume) -> float:
     """World units per unit of the place."""
     from splatgl.geometry.clipping import world_units
 
     return world_units(where.unit, volume.unit, where.text, "slice")
 
 
-def _ends(volume: Volume, where: Where) -> tuple[float, float]:
+def _ends(volume: Volume, where: SlicePosition) -> tuple[float, float]:
     """The ends of the volume along a world axis, in the unit."""
     along = volume.corners[:, AXES[where.name]] / _length(where, volume)
     return float(along.min()), float(along.max())
@@ -245,7 +245,7 @@ def world_axes(volume: Volume) -> tuple[int, int, int]:
     return x, y, z
 
 
-def _axis_plane(where: Where, volume: Volume, up: np.ndarray, at: float) -> SlicePlane:
+def _axis_plane(where: SlicePosition, volume: Volume, up: np.ndarray, at: float) -> SlicePlane:
     """The plane across an axis: of the grid by voxels or a share, of the world by a length."""
     name, unit = where.name, where.unit
     axis = grid_axis(volume, name)
@@ -359,7 +359,7 @@ COLORS = 4096
 LEAST_AREA = 1e-12
 
 
-class Painted(NamedTuple):
+class SliceLayer(NamedTuple):
     """A volume, its transfer function, and a factor of its opacity over other layers, or of its light beside them."""
 
     volume: Volume
@@ -417,10 +417,10 @@ def map_colors(name: str) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Painter:
+class SlicePainter:
     """Layers that a slice shows: the first is opaque; others lie over it, or add up if all are unshaded amounts."""
 
-    layers: Sequence[Painted]
+    layers: Sequence[SliceLayer]
 
     def light(self, points: np.ndarray) -> np.ndarray:
         """float64 [P, 4] at world points [P, 3]: linear RGB, and 1, or 0 beside the volumes."""

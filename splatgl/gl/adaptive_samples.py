@@ -12,12 +12,12 @@ import numpy as np
 
 from splatgl.gl.buffers import DrawOrder
 from splatgl.gl.device import Device
-from splatgl.gl.meshes import Limits
+from splatgl.gl.meshes import DepthLimits
 from splatgl.gl.program import cover, set_uniforms
 from splatgl.gl.sheet_tiles import MOST_PIXELS, Ordered, SheetTiles
-from splatgl.gl.target import Portions, Target
+from splatgl.gl.target import Portions, RenderTarget
 from splatgl.gl.tiles import Spec, bands_of, tile_counts
-from splatgl.planning.culling import Window
+from splatgl.planning.culling import PixelWindow
 from splatgl.planning.plan import Plan
 from splatgl.planning.technique import COLUMNS, ROWS
 from splatgl.splat.splats import Splats
@@ -36,16 +36,16 @@ class SingleSamples:
     def __init__(self, device: Device) -> None:
         self.ctx, self.programs, self.targets = device.ctx, device.programs, device.targets
         # the picture, and errors by tile; None: all pixels of the current picture take all samples
-        self.kept: tuple[Target, Target] | None = None
+        self.kept: tuple[RenderTarget, RenderTarget] | None = None
 
-    def begin(self, plan: Plan) -> Target:
+    def begin(self, plan: Plan) -> RenderTarget:
         """Returns an empty target of one sample a pixel."""
         width, height = plan.view.size
         target = self.targets.get("single", (width // plan.samples, height // plan.samples), "rgba32f")
         target.clear()
         return target
 
-    def measure(self, target: Target, plan: Plan, window: Window) -> tuple[np.ndarray, float]:
+    def measure(self, target: RenderTarget, plan: Plan, window: PixelWindow) -> tuple[np.ndarray, float]:
         """Returns bool [rows, columns] of the tiles of samples that need all of them, and their share of those in which
         there is anything. window: pixels that are drawn; the others are 0.
         """
@@ -54,7 +54,7 @@ class SingleSamples:
         program = self.programs.for_screen("edges.frag")
         last = min(window.x + window.width, target.size[0]) - 1, min(window.y + window.height, target.size[1]) - 1
         top = window.y * plan.samples // ROWS
-        rows = Window(0, top, errors.size[0], -(-(last[1] + 1) * plan.samples // ROWS) - top)
+        rows = PixelWindow(0, top, errors.size[0], -(-(last[1] + 1) * plan.samples // ROWS) - top)
         errors.framebuffer.use()
         errors.framebuffer.viewport = rows.box
         self.ctx.enable_only(moderngl.NOTHING)
@@ -68,7 +68,7 @@ class SingleSamples:
         return needed, float(needed.sum() / max(holds.sum(), 1))
 
     def needed(
-        self, plan: Plan, window: Window, draw: Callable[[Target, Window], None], is_probed: bool = True
+        self, plan: Plan, window: PixelWindow, draw: Callable[[RenderTarget, PixelWindow], None], is_probed: bool = True
     ) -> np.ndarray | None:
         """Draws one sample a pixel of a window of samples. Returns bool [rows, columns] of the tiles of samples that
         need all; None if most do. draw: composites a window of a target. is_probed: a row of tiles in the middle tells.
@@ -93,15 +93,15 @@ class SingleSamples:
         return program
 
 
-def single_windows(window: Window, k: int) -> tuple[Window, Window]:
+def single_windows(window: PixelWindow, k: int) -> tuple[PixelWindow, PixelWindow]:
     """Returns the pixels of a window of k × k samples, in whole tiles of one sample a pixel; and a row of tiles in the
     middle of these.
     """
     x, y, width, height = window.box
     end = -(-(x + width) // k), -(-(y + height) // k)
-    (whole,) = bands_of(Window(x // k, y // k, end[0] - x // k, end[1] - y // k), sys.maxsize)
+    (whole,) = bands_of(PixelWindow(x // k, y // k, end[0] - x // k, end[1] - y // k), sys.maxsize)
     middle = whole.y + whole.height // ROWS // 2 * ROWS
-    return whole, Window(whole.x, middle, whole.width, min(ROWS, whole.y + whole.height - middle))
+    return whole, PixelWindow(whole.x, middle, whole.width, min(ROWS, whole.y + whole.height - middle))
 
 
 class AdaptiveSamples:
@@ -118,12 +118,12 @@ class AdaptiveSamples:
 
     def draw(
         self,
-        target: Target,
+        target: RenderTarget,
         splats: Splats,
         plan: Plan,
         order: DrawOrder,
         portions: Portions,
-        limits: Limits | None = None,
+        limits: DepthLimits | None = None,
     ) -> None:
         """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: unused."""
         more = {"limits": limits, "exact": limits is not None, "held": True}
@@ -143,7 +143,9 @@ class AdaptiveSamples:
         for window in bands_of(plan.window, min(max(pixels, 1), MOST_PIXELS)):
             self._draw_needed(replace(spec, needed=needed), splats, window)
 
-    def _draw_single(self, spec: Spec, splats: Splats, ordered: Ordered, target: Target, whole: Window) -> None:
+    def _draw_single(
+        self, spec: Spec, splats: Splats, ordered: Ordered, target: RenderTarget, whole: PixelWindow
+    ) -> None:
         """Draws one sample a pixel in bands; `tiles` keeps their splats and lists."""
         self.tiles.reuse_parts()
         spec = replace(spec, target=target, stride=spec.plan.samples)
@@ -152,7 +154,7 @@ class AdaptiveSamples:
         while self.tiles.spare:
             self.tiles.spare.pop().release()
 
-    def _draw_needed(self, spec: Spec, splats: Splats, within: Window) -> None:
+    def _draw_needed(self, spec: Spec, splats: Splats, within: PixelWindow) -> None:
         """Composites all samples of needed tiles of a window, by the lists of the tiles of one sample a pixel."""
         k, (across, down), band = spec.plan.samples, tile_counts(within), self.sheets.begin_band(spec, splats, within)
         row, column = within.y // ROWS, within.x // COLUMNS

@@ -331,7 +331,7 @@ def leave() -> None:
         _thread.host = other
 
 
-def hand_back() -> None:
+def restore_context() -> None:
     """Binds the earlier context of another library again, if there is one: the library may destroy it later."""
     if _thread.host is not None:
         switch_to(None)

@@ -14,7 +14,7 @@ import numpy as np
 
 from splatgl.gl.shader import ABREAST
 from splatgl.planning.clusters import Clusters
-from splatgl.planning.culling import Order, back_to_front, block_boxes
+from splatgl.planning.culling import OrderKey, back_to_front, block_boxes
 from splatgl.splat.motion import Exposure
 from splatgl.splat.splats import MOST_KEPT, Splats
 
@@ -90,20 +90,20 @@ class SplatBuffer:
     def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
         self.ctx, self.splats = ctx, splats
         # keyed by whether the range starts the drawing order, and whether it ends it
-        self.sorted: dict[tuple[bool, bool], Sorted] = {}
-        self.textured: Textured | None = None
+        self.sorted: dict[tuple[bool, bool], SortedRecords] = {}
+        self.textured: SplatTextures | None = None
         self.clustered: tuple[Clusters, moderngl.Texture] | None = None
 
-    def quads(self, runs: bool, order: DrawOrder, which: Range) -> Instances:
+    def quads(self, runs: bool, order: DrawOrder, which: Range) -> InstanceBuffer:
         """Returns the splats `which` of the drawing order as instances, with runs if `runs`."""
         part = which[0] == 0, which[1] == len(self.splats)
-        ordered = self.sorted.setdefault(part, Sorted(self.ctx, self.splats))
+        ordered = self.sorted.setdefault(part, SortedRecords(self.ctx, self.splats))
         ordered.write(order, runs, which)
         return ordered.instances
 
-    def texels(self, runs: bool, order: DrawOrder, which: Range | None = None) -> Texels:
+    def texels(self, runs: bool, order: DrawOrder, which: Range | None = None) -> SplatTexels:
         """Returns textures of the splats, with runs if `runs`, and of their drawing order; which: only this range."""
-        self.textured = self.textured or Textured(self.ctx, self.splats)
+        self.textured = self.textured or SplatTextures(self.ctx, self.splats)
         return self.textured.part(runs, order, which) if which else self.textured.texels(runs, order)
 
     def clusters(self) -> tuple[Clusters, moderngl.Texture]:
@@ -119,7 +119,7 @@ class SplatBuffer:
         self.sorted, self.textured, self.clustered = {}, None, None
 
 
-class Instances:
+class InstanceBuffer:
     """Instance buffer of records."""
 
     def __init__(self, ctx: moderngl.Context) -> None:
@@ -168,13 +168,13 @@ class Instances:
         return attributes if self.drift is None else [*attributes, ("in_flow", self.drift, "f", "3f4", 0, DRIFT_BYTES)]
 
 
-class Sorted:
+class SortedRecords:
     """Records in drawing order, rewritten for each new order. exposure: of splats that flow; their instances have the
     drift during half of it, in grid steps.
     """
 
     def __init__(self, ctx: moderngl.Context, splats: Splats, exposure: Exposure | None = None) -> None:
-        self.splats, self.exposure, self.instances = splats, exposure, Instances(ctx)
+        self.splats, self.exposure, self.instances = splats, exposure, InstanceBuffer(ctx)
         self.drift = None if exposure is None else exposure.drift(splats).astype(np.float32)
         self.written: tuple[DrawOrder, bool, Range] | None = None
 
@@ -203,7 +203,7 @@ class Sorted:
 
 
 @dataclass(frozen=True)
-class Texels:
+class SplatTexels:
     """Textures of splats. records: the first words, 4 in one texel, or 8 of points in two; rest: the other 2 words, or
     1 of points; order: indices in drawing order, None if the records are sorted or the order does not matter;
     boxes: boxes around blocks of sorted records.
@@ -215,7 +215,7 @@ class Texels:
     boxes: np.ndarray | None = None
 
 
-class Textured:
+class SplatTextures:
     """Records and drawing orders as textures, for shaders without vertex input."""
 
     def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
@@ -226,9 +226,9 @@ class Textured:
         self.runs = False
         # the last request, and records sorted by a repeated order
         self.asked: tuple[bool, DrawOrder] | None = None
-        self.sorted: tuple[tuple[bool, DrawOrder], Texels] | None = None
+        self.sorted: tuple[tuple[bool, DrawOrder], SplatTexels] | None = None
 
-    def texels(self, runs: bool, order: DrawOrder) -> Texels:
+    def texels(self, runs: bool, order: DrawOrder) -> SplatTexels:
         """Returns textures of all splats; an order requested twice in a row gets sorted records, if they are small."""
         asked, self.asked = self.asked, (runs, order)
         if self.sorted is not None and self.sorted[0] == self.asked:
@@ -244,9 +244,9 @@ class Textured:
                 self.records = _filled(self.ctx, first)
             self.rest, self.runs = _filled(self.ctx, rest), runs
         assert self.records is not None
-        return Texels(self.records, self.rest, self.orders.of(order))
+        return SplatTexels(self.records, self.rest, self.orders.of(order))
 
-    def part(self, runs: bool, order: DrawOrder, which: Range) -> Texels:
+    def part(self, runs: bool, order: DrawOrder, which: Range) -> SplatTexels:
         """Uploads splats `which` alone, of a set too large to keep; frees all others."""
         self.release()
         texels = self._in_order(runs, order, which)
@@ -254,11 +254,11 @@ class Textured:
         self.asked = None
         return texels
 
-    def _in_order(self, runs: bool, order: DrawOrder, which: Range) -> Texels:
+    def _in_order(self, runs: bool, order: DrawOrder, which: Range) -> SplatTexels:
         self._release_sorted()
         rows = slice(*which) if order.boxes is None else indices(self.splats, order)[slice(*which)]
         first, rest = (_filled(self.ctx, words[rows]) for words in self._words(runs))
-        return Texels(first, rest, None, block_boxes(self.splats.records["position"][rows]))
+        return SplatTexels(first, rest, None, block_boxes(self.splats.records["position"][rows]))
 
     def release(self) -> None:
         """Frees all textures; they are recreated on demand."""
@@ -281,14 +281,14 @@ class Textured:
         return _words(self.splats.records_with_runs if runs else self.splats.records)
 
 
-class Rewritten:
+class ReusedTextures:
     """Records of one set of splats after another, in textures that are reused and grow on demand."""
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self.ctx = ctx
         self.textures: list[moderngl.Texture] = []
 
-    def texels(self, records: np.ndarray) -> Texels:
+    def texels(self, records: np.ndarray) -> SplatTexels:
         """Returns textures of the records, in the order of the records; valid until the next call."""
         words = _words(records)
         if not self.textures or self.textures[0].height < _rows(records):
@@ -298,7 +298,7 @@ class Rewritten:
             for texture, part in zip(self.textures, words, strict=True):
                 _write(texture, part)
         first, rest = self.textures
-        return Texels(first, rest, None)
+        return SplatTexels(first, rest, None)
 
     def release(self) -> None:
         """Frees the textures."""
@@ -403,13 +403,13 @@ CHUNK = 2**22
 # [begin, end) of the drawing order
 Range = tuple[int, int]
 # latest drawing order of each set uploaded in chunks
-_latest: WeakKeyDictionary[Splats, tuple[Order, np.ndarray]] = WeakKeyDictionary()
+_latest: WeakKeyDictionary[Splats, tuple[OrderKey, np.ndarray]] = WeakKeyDictionary()
 
 
 class DrawOrder(NamedTuple):
     """Drawing order. boxes: the order of the rows, None if it does not matter."""
 
-    boxes: Order | None
+    boxes: OrderKey | None
     nearest_first: bool
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import Texels, clear_buffer, free, grow_buffer, most_block, order_texture
+from splatgl.gl.buffers import SplatTexels, clear_buffer, free, grow_buffer, most_block, order_texture
 from splatgl.gl.features import Uniforms
 from splatgl.gl.program import set_uniforms
 from splatgl.gl.shader import CLOSED, SORT_BLOCK, SORT_LANES
@@ -81,7 +81,7 @@ class CardLists:
         return fitted
 
     def sort_by_sheet(
-        self, compile_: Compile, texels: Texels, count: int, number: int, uniforms: Uniforms
+        self, compile_: Compile, texels: SplatTexels, count: int, number: int, uniforms: Uniforms
     ) -> moderngl.Texture:
         """Returns the order of `count` splats by their first of `number` sheets. uniforms: of first_sheet.glsl."""
         self.set_entries(count, 0)

@@ -10,9 +10,9 @@ from splatgl.gl.buffers import SplatBuffers, free
 from splatgl.gl.card_lists import CardLists
 from splatgl.gl.features import FRAME, STYLE, FieldTextures
 from splatgl.gl.program import Programs
-from splatgl.gl.shader import Shape
+from splatgl.gl.shader import ComputeShape
 from splatgl.gl.target import Targets
-from splatgl.gl.textures import NearSheets, Tables
+from splatgl.gl.textures import NearSheets, TableTextures
 
 
 class Device:
@@ -20,11 +20,11 @@ class Device:
     `style`; shape: of compute shaders. card: lists tiles on a graphics card; None: of processors.
     """
 
-    def __init__(self, ctx: moderngl.Context, owned: ExitStack, shape: Shape) -> None:
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack, shape: ComputeShape) -> None:
         self.ctx = ctx
         self.programs = Programs(ctx, owned, shape)
         self.targets = Targets(ctx, owned)
-        self.tables = Tables(ctx, owned)
+        self.tables = TableTextures(ctx, owned)
         self.fields = FieldTextures(ctx, owned)
         self.splats = SplatBuffers(ctx, owned)
         self.near = NearSheets(ctx, self.programs, self.tables, owned)

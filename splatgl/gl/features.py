@@ -121,7 +121,7 @@ def style_block(splats: Splats, plan: Plan) -> np.ndarray:
     block["radial_scale"] = (plan.lookup.size - 1) / plan.kernel.radius**2
     block["radial_last"] = plan.lookup.size - 1
     block["brightest"] = max(splats.brightest, 1.0)
-    light = plan.program.look.light
+    light = plan.program.appearance.light
     for name in ("ambient", "diffuse", "specular", "sharpness"):
         block[name] = getattr(light, name)
     if light.direction is not None:
@@ -170,7 +170,7 @@ def mask_field(splats: Splats, plan: Plan) -> dict[str, np.ndarray | None]:
     """Returns the voxels of the mask, with normals if shading is on."""
     mask = plan.resolved.mask
     assert mask is not None
-    return {"mask_field": mask.faced if plan.program.look.shading else mask.kept}
+    return {"mask_field": mask.faced if plan.program.appearance.shading else mask.kept}
 
 
 def cue_uniforms(splats: Splats, plan: Plan) -> Uniforms:
@@ -208,7 +208,7 @@ def iso_uniforms(splats: Splats, plan: Plan) -> Uniforms:
         "isos": len(values),
         "iso_value": np.pad(values, (0, rest)).tolist(),
         "iso_matter": [*map(tuple, np.pad(matter, ((0, rest), (0, 0))).tolist())],
-        "iso_lit": plan.program.look.iso == "lit",
+        "iso_lit": plan.program.appearance.iso == "lit",
     }
 
 
@@ -252,14 +252,14 @@ def box_field(splats: Splats, plan: Plan) -> dict[str, np.ndarray | None]:
 
 
 FEATURES = (
-    Feature("WEIGHTED", lambda program: program.look.weighted, weight_uniforms),
-    Feature("REGIONS", lambda program: program.look.regions, region_uniforms),
-    Feature("CLIPPED", lambda program: program.look.clipped, clip_uniforms),
-    Feature("MASKED", lambda program: program.look.masked, mask_uniforms, mask_field),
-    Feature("ISO", lambda program: bool(program.look.iso), iso_uniforms),
-    Feature("LIGHT", lambda program: not program.look.light.plain),
-    Feature("SKY", lambda program: program.look.sky, cue_uniforms, cue_fields),
-    Feature("SHADOWS", lambda program: program.look.shadows, cue_uniforms, cue_fields),
+    Feature("WEIGHTED", lambda program: program.appearance.weighted, weight_uniforms),
+    Feature("REGIONS", lambda program: program.appearance.regions, region_uniforms),
+    Feature("CLIPPED", lambda program: program.appearance.clipped, clip_uniforms),
+    Feature("MASKED", lambda program: program.appearance.masked, mask_uniforms, mask_field),
+    Feature("ISO", lambda program: bool(program.appearance.iso), iso_uniforms),
+    Feature("LIGHT", lambda program: not program.appearance.light.plain),
+    Feature("SKY", lambda program: program.appearance.sky, cue_uniforms, cue_fields),
+    Feature("SHADOWS", lambda program: program.appearance.shadows, cue_uniforms, cue_fields),
     Feature("BOXES", lambda program: program.boxes, box_uniforms, box_field),
     Feature("PACKED", lambda program: program.packed),
 )

@@ -22,11 +22,11 @@ from splatgl.geometry.camera import Camera
 from splatgl.geometry.grid import Grid
 from splatgl.gl.renderer import Renderer
 from splatgl.planning.bricks import EACH, Bricks, excess_bricks, spread_places
-from splatgl.planning.plan import Blurred
+from splatgl.planning.plan import MotionBlur
 from splatgl.planning.resolve import check_blur_supported, extract_for_settings
 from splatgl.planning.scene import ResolvedScene, ScenePlan
 from splatgl.readers import load
-from splatgl.splat.motion import Moments, Motion
+from splatgl.splat.motion import Motion, Supersampling
 from splatgl.splat.settings import COMBINE, Settings
 from splatgl.splat.splats import Splats
 from splatgl.transfer.transfer import Transfer
@@ -46,7 +46,7 @@ SLACK = 1.05
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class DetailLevel:
     """The level for a picture. number: 0 is the finest.
 
     off: RMSE of the levels that were tried, by number, to the finest level, supersampled, in `boxes` boxes. allowed:
@@ -75,12 +75,12 @@ class Level:
 
 def choose_level(
     volume: Volume, transfer: Transfer, camera: Camera, settings: Settings, renderer: Renderer | None = None
-) -> Level:
+) -> DetailLevel:
     """Chooses the coarsest level whose voxels are finer than a pixel everywhere [M98 Eq. 3], and whose error in boxes
     is at most that of the finest level with these settings, or the tolerance. Errors are to the finest level,
     supersampled. renderer: an open one; None: opens one. Raises InputError if the memory budget holds no box.
     """
-    finest = Level(0, single_level(volume, 0), {}, 0.0, 0)
+    finest = DetailLevel(0, single_level(volume, 0), {}, 0.0, 0)
     coarsest = coarsest_fine_level(volume, camera)
     if coarsest == 0:
         return finest
@@ -106,7 +106,7 @@ def choose_level(
         drawn = [_drawn(_cut(chosen, *box.ends), transfer, box.camera, settings, renderer) for box in boxes]
         off[number] = _rmse([(image, box.right) for image, box in zip(drawn, boxes, strict=True)])
         if off[number] <= allowed:
-            return Level(number, chosen, off, allowed, len(boxes))
+            return DetailLevel(number, chosen, off, allowed, len(boxes))
     return replace(fine, off=off, allowed=allowed)
 
 
@@ -335,9 +335,9 @@ def render_moving_bricks(
         return draw(bricks.probes, camera, settings)
     check_blur_supported("in bricks", settings, motion.flow is not None)
     notes, sharp = list[str](), replace(settings, motion="off", moments=None)
-    blurred = Blurred.of(bricks.probes, camera, settings, motion, notes)
+    blurred = MotionBlur.of(bricks.probes, camera, settings, motion, notes)
     if blurred.moments:
-        mean = Moments(draw, motion, settings.shutter, blurred.moments)(bricks.probes, camera, sharp)
+        mean = Supersampling(draw, motion, settings.shutter, blurred.moments)(bricks.probes, camera, sharp)
         image = Image(mean.pixels.astype(np.float32), {**mean.info, "motion": "moments"})
     else:
         image = draw(bricks.probes, camera, sharp)

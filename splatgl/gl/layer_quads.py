@@ -16,15 +16,15 @@ import moderngl
 import numpy as np
 
 from splatgl.geometry.grid import corners_of
-from splatgl.gl.buffers import Instances, free, texel_texture, uneven
+from splatgl.gl.buffers import InstanceBuffer, free, texel_texture, uneven
 from splatgl.gl.device import Device
 from splatgl.gl.features import base_of, feature_uniforms
-from splatgl.gl.layers import Drawn, Layers, layer_uniforms, union
+from splatgl.gl.layers import Drawn, LayerBatch, layer_uniforms, union
 from splatgl.gl.program import cover, set_uniforms, use_blend
-from splatgl.gl.quads import CORNERS, Group, SheetQuads, sort_by_number
-from splatgl.gl.target import Portions, Target, settle
+from splatgl.gl.quads import CORNERS, SheetGroup, SheetQuads, sort_by_number
+from splatgl.gl.target import Portions, RenderTarget, settle
 from splatgl.gl.tiles import bands_of
-from splatgl.planning.culling import Window
+from splatgl.planning.culling import PixelWindow
 from splatgl.planning.plan import Plan
 from splatgl.splat.sheets import NearField, index_direction
 from splatgl.splat.splats import Splats
@@ -75,20 +75,20 @@ class Slots(NamedTuple):
         return slot % self.across * self.size[0], slot // self.across * self.size[1]
 
 
-class Band(NamedTuple):
+class RayBand(NamedTuple):
     """Some rays [P] of a band of the picture's rows, by places in sheets of the first layer. places: of each layer, at
     + rate · place. voxels: of each layer offsets [P, 3] from the eye, index axes, at place 0, and steps to place 1.
     grid: rows and columns of the rays; is_whole: whether they are all rays, or all directions.
     """
 
-    window: Window
+    window: PixelWindow
     places: list[tuple[np.ndarray, np.ndarray]]
     voxels: list[tuple[np.ndarray, np.ndarray]]
     grid: tuple[int, int]
     is_whole: bool
 
 
-class Pieces(Protocol):
+class LayerPieces(Protocol):
     """Pieces of the matter of one layer. steps: of a sheet; 0: boxes. shift: as in layers_join.frag. uneven: whether
     the pieces of a sheet differ in length.
     """
@@ -102,7 +102,7 @@ class Pieces(Protocol):
     def extent(self) -> tuple[float, float]:
         """Returns the first and last place of the layer's matter, in its sheets."""
 
-    def begin(self, band: Band, layer: int, portions: Portions) -> list[Numbering]:
+    def begin(self, band: RayBand, layer: int, portions: Portions) -> list[Numbering]:
         """Starts a band at the nearest piece; returns the numbering of each group of rays."""
 
     def advance(self, into: moderngl.Framebuffer, slots: Slots, begin: float, end: float) -> bool:
@@ -112,14 +112,14 @@ class Pieces(Protocol):
 class SheetPieces:
     """Pieces of a layer in sheets. bind: binds the uniforms and tables of the layer."""
 
-    def __init__(self, quads: SheetQuads, splats: Splats, plan: Plan, layers: Layers) -> None:
+    def __init__(self, quads: SheetQuads, splats: Splats, plan: Plan, layers: LayerBatch) -> None:
         assert plan.resolved.sheets is not None
         self.quads, self.splats, self.plan, self.bind = quads, splats, plan, layers.bind
-        self.steps, self.uneven = max(plan.program.look.steps, 1), bool(plan.program.look.iso)
+        self.steps, self.uneven = max(plan.program.appearance.steps, 1), bool(plan.program.appearance.iso)
         if splats.post is not None and self.uneven:
             # segments that end at surfaces, too, and a surface behind each
             self.steps = 2 * (self.steps + 2 * len(splats.post.transfer.iso))
-        self.shift = 1.5 if plan.program.look.steps else 0.5
+        self.shift = 1.5 if plan.program.appearance.steps else 0.5
         near = NearField.of(splats, plan.view, plan.resolved.sheets)
         self.picture = quads.begin(splats, plan, near, layers.limits)
         self.groups = quads.fill(self.picture, splats)
@@ -127,9 +127,9 @@ class SheetPieces:
     def extent(self) -> tuple[float, float]:
         """Returns the first and last place of the layer's matter, in its sheets."""
         sheets = [*self.groups, *self.picture.near]
-        return min(sheets) - self.shift, max(sheets) + self.plan.program.look.sheets + 2.0
+        return min(sheets) - self.shift, max(sheets) + self.plan.program.appearance.sheets + 2.0
 
-    def begin(self, band: Band, layer: int, portions: Portions) -> list[Numbering]:
+    def begin(self, band: RayBand, layer: int, portions: Portions) -> list[Numbering]:
         """Starts a band at the nearest sheet; returns the numbering of its parts."""
         self.window, self.layer = band.window, layer
         self.sheets = self.quads.sweep(self.picture, band.window, [self.groups], portions)
@@ -174,11 +174,11 @@ class BoxPieces:
 
     steps, shift, uneven = 0, 0.0, False
 
-    def __init__(self, device: Device, splats: Splats, plan: Plan, layers: Layers) -> None:
+    def __init__(self, device: Device, splats: Splats, plan: Plan, layers: LayerBatch) -> None:
         self.ctx, self.programs, self.splats, self.plan = device.ctx, device.programs, splats, plan
         self.bind, self.limits = layers.bind, layers.limits
         # by signs of directions: splats in the order of their numbers
-        self.octants: dict[tuple[int, ...], tuple[Instances, dict[int, Group]]] = {}
+        self.octants: dict[tuple[int, ...], tuple[InstanceBuffer, dict[int, SheetGroup]]] = {}
 
     def release(self) -> None:
         """Frees the buffers."""
@@ -194,7 +194,7 @@ class BoxPieces:
         nearest = np.linalg.norm(view.eye_index - np.clip(view.eye_index, *bounds))
         return float(nearest), float(np.linalg.norm(corners, axis=1).max())
 
-    def begin(self, band: Band, layer: int, portions: Portions) -> list[Numbering]:
+    def begin(self, band: RayBand, layer: int, portions: Portions) -> list[Numbering]:
         """Starts a band at the nearest boxes; returns the numbering of each octant of directions."""
         self.window, self.layer, self.portions = band.window, layer, portions
         view = self.plan.view
@@ -234,8 +234,8 @@ class BoxPieces:
         self,
         into: moderngl.Framebuffer,
         program: moderngl.Program,
-        instances: Instances,
-        group: Group,
+        instances: InstanceBuffer,
+        group: SheetGroup,
         slot: tuple[int, int],
     ) -> None:
         corner = slot[0], slot[1] - self.window.y
@@ -256,13 +256,13 @@ class BoxPieces:
             self.limits.use_in(program, self.splats.grid.mean_spacing)
         return program
 
-    def _sorted(self, signs: tuple[int, ...]) -> tuple[Instances, dict[int, Group]]:
+    def _sorted(self, signs: tuple[int, ...]) -> tuple[InstanceBuffer, dict[int, SheetGroup]]:
         """Returns the splats in the order of their numbers for directions of these signs, and the groups by number."""
         if signs not in self.octants:
             view, positions = self.plan.view, self.splats.positions
             numbers = np.rint(positions - base_of(self.splats, view.eye_index)).astype(np.int64) @ signs
             indices, order = sort_by_number(numbers, positions)
-            instances = Instances(self.ctx)
+            instances = InstanceBuffer(self.ctx)
             instances.fill(self.splats.records[indices])
             self.octants[signs] = instances, order.groups(view)
         return self.octants[signs]
@@ -285,14 +285,14 @@ class LayerQuads:
         free(self.slots, self.texture)
         self.slots, self.texture = None, None
 
-    def composite(self, target: Target, layers: Layers) -> None:
+    def composite(self, target: RenderTarget, layers: LayerBatch) -> None:
         """Composites the layers into `target`, in bands whose slots fit into the pool."""
         layers = replace(layers, layers=[layer for layer in layers.layers if len(layer[0])])
         pieces = self._pieces(layers)
         try:
             window = union([plan.window for _, plan in layers.layers])
             width = target.size[0]
-            rows = Window(0, window.y, width, window.height)
+            rows = PixelWindow(0, window.y, width, window.height)
             slots = self._layout(pieces, self._begin(layers, pieces, rows), rows)
             height = POOL // (PIECE * width * (sum(slots.counts)))
             for band in bands_of(rows, width * max(height, 1)):
@@ -303,7 +303,7 @@ class LayerQuads:
                 if isinstance(layer, BoxPieces):
                     layer.release()
 
-    def _pieces(self, layers: Layers) -> list[Pieces]:
+    def _pieces(self, layers: LayerBatch) -> list[LayerPieces]:
         self.quads += [SheetQuads(self.device) for _ in layers.layers[len(self.quads) :]]
         return [
             BoxPieces(self.device, splats, plan, layers)
@@ -312,7 +312,7 @@ class LayerQuads:
             for quads, (splats, plan) in zip(self.quads, layers.layers, strict=False)
         ]
 
-    def _begin(self, layers: Layers, pieces: Sequence[Pieces], window: Window) -> Slabs:
+    def _begin(self, layers: LayerBatch, pieces: Sequence[LayerPieces], window: PixelWindow) -> Slabs:
         """Starts a band of the picture in all layers."""
         band = band_of(layers.layers, window)
         numberings = [layer.begin(band, n, layers.portions) for n, layer in enumerate(pieces)]
@@ -321,7 +321,7 @@ class LayerQuads:
         first, last = min(float(place.min()) for place in places), max(float(place.max()) for place in places)
         return Slabs(np.arange(first, last + SLAB, SLAB), numberings)
 
-    def _layout(self, pieces: Sequence[Pieces], slabs: Slabs, band: Window) -> Slots:
+    def _layout(self, pieces: Sequence[LayerPieces], slabs: Slabs, band: PixelWindow) -> Slots:
         """Returns the slots of a band."""
         counts = []
         for layer, numberings in zip(pieces, slabs.numberings, strict=True):
@@ -332,7 +332,9 @@ class LayerQuads:
         across = max(min(int(self.ctx.info["GL_MAX_TEXTURE_SIZE"]) // size[0], sum(counts)), 1)
         return Slots(np.cumsum([0, *counts[:-1]]).tolist(), counts, size, across)
 
-    def _band(self, target: Target, layers: Layers, pieces: Sequence[Pieces], window: Window) -> None:
+    def _band(
+        self, target: RenderTarget, layers: LayerBatch, pieces: Sequence[LayerPieces], window: PixelWindow
+    ) -> None:
         """Composites all layers in a band of the picture."""
         slabs = self._begin(layers, pieces, window)
         slots = self._layout(pieces, slabs, window)
@@ -350,11 +352,11 @@ class LayerQuads:
 
     def _join(
         self,
-        target: Target,
+        target: RenderTarget,
         layers: Sequence[Drawn],
-        pieces: Sequence[Pieces],
+        pieces: Sequence[LayerPieces],
         slots: Slots,
-        window: Window,
+        window: PixelWindow,
         slab: tuple[float, float],
     ) -> None:
         """Composites the pieces of a slab behind the light of nearer slabs."""
@@ -410,7 +412,7 @@ class Slabs(NamedTuple):
 APART, MOST_APART = 8, 0.0125
 
 
-def band_of(layers: Sequence[Drawn], window: Window) -> Band:
+def band_of(layers: Sequence[Drawn], window: PixelWindow) -> RayBand:
     """Returns the places of layers along some rays of a window, among them those at its corners."""
     view = layers[0][1].view
     x, y, width, height = window.box
@@ -433,7 +435,7 @@ def band_of(layers: Sequence[Drawn], window: Window) -> Band:
         voxels.append((start, step))
     # from depths to places of the first layer
     at, rate = places[0]
-    return Band(
+    return RayBand(
         window,
         [(own - own_rate * at / rate, own_rate / rate) for own, own_rate in places],
         [(start - step * (at / rate)[:, None], step / rate[:, None]) for start, step in voxels],

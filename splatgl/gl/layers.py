@@ -13,13 +13,13 @@ from splatgl.errors import InputError
 from splatgl.gl.adaptive_samples import SingleSamples
 from splatgl.gl.buffers import DrawOrder, clear_buffer, free, most_block
 from splatgl.gl.device import Device
-from splatgl.gl.meshes import Limits
+from splatgl.gl.meshes import DepthLimits
 from splatgl.gl.program import set_uniforms
 from splatgl.gl.shader import PAGE
 from splatgl.gl.sheet_tiles import SheetTiles
-from splatgl.gl.target import Portions, Target
-from splatgl.gl.tiles import LISTS, Band, SplatTiles, tile_counts
-from splatgl.planning.culling import Window, order_for
+from splatgl.gl.target import Portions, RenderTarget
+from splatgl.gl.tiles import LISTS, SplatTiles, TileBand, tile_counts
+from splatgl.planning.culling import PixelWindow, order_for
 from splatgl.planning.plan import Plan
 from splatgl.planning.technique import COLUMNS, ROWS
 from splatgl.splat.sheets import index_direction
@@ -43,16 +43,16 @@ Drawn = tuple[Splats, Plan]
 
 
 @dataclass(frozen=True, eq=False)
-class Layers:
+class LayerBatch:
     """Layers that are drawn together. bind: binds the uniforms and tables of a layer. scratch: target for the light of
     a single layer; where it is opaque, the layer's matter behind is skipped. limits, stride, needed: as of Spec.
     """
 
     layers: Sequence[Drawn]
     bind: Callable[[Splats, Plan], None]
-    scratch: Target
+    scratch: RenderTarget
     portions: Portions
-    limits: Limits | None = None
+    limits: DepthLimits | None = None
     stride: int = 1
     needed: np.ndarray | None = None
 
@@ -73,7 +73,7 @@ class LayerTiles:
         free(self.heads)
         self.heads = None
 
-    def composite(self, target: Target, layers: Layers) -> None:
+    def composite(self, target: RenderTarget, layers: LayerBatch) -> None:
         """Composites the layers into `target`; where one sample a pixel is enough, only into the target of these."""
         plan, window = layers.layers[0][1], union([plan.window for _, plan in layers.layers])
         if self.single is not None and plan.resolved.allowed and layers.limits is None:
@@ -81,7 +81,7 @@ class LayerTiles:
             layers = replace(layers, needed=self.single.needed(plan, window, one))
         self._draw_windows(layers, target, window)
 
-    def _draw_windows(self, layers: Layers, target: Target, whole: Window) -> None:
+    def _draw_windows(self, layers: LayerBatch, target: RenderTarget, whole: PixelWindow) -> None:
         """Composites the layers of a window, in windows whose matter fits into the pages."""
         block = most_block(self.device.ctx)
         # pages, and pixels whose heads fit into a block
@@ -103,9 +103,9 @@ class LayerTiles:
         # for the next picture
         self.sizes[layers.stride] = max(least, ROWS * ROWS)
 
-    def _window(self, layers: Layers, target: Target, window: Window, room: int) -> int:
+    def _window(self, layers: LayerBatch, target: RenderTarget, window: PixelWindow, room: int) -> int:
         """Composites a window; returns the number of pages it needs. If more than `room`, nothing is composited."""
-        band, drawn = Band.of(window, layers.stride), layers.layers
+        band, drawn = TileBand.of(window, layers.stride), layers.layers
         pixels = band.closed.size * ROWS * COLUMNS
         heads, used, holding = self._empty_heads(drawn, pixels), 0, np.zeros(band.closed.size, np.uint32)
         for n, (splats, plan) in enumerate(drawn):
@@ -121,7 +121,7 @@ class LayerTiles:
         return used
 
     def _keep_layer(
-        self, layers: Layers, drawn: Drawn, window: Window, keeping: Callable[[moderngl.ComputeShader], None]
+        self, layers: LayerBatch, drawn: Drawn, window: PixelWindow, keeping: Callable[[moderngl.ComputeShader], None]
     ) -> np.ndarray:
         """Stores the matter of a layer in a window; returns the mask of the tiles that may have any."""
         (splats, plan), scratch, portions, limits = drawn, layers.scratch, layers.portions, layers.limits
@@ -129,13 +129,13 @@ class LayerTiles:
             scratch.clear()
             order = DrawOrder(order_for(splats, plan.resolved.camera), nearest_first=True)
             self.splats.draw(scratch, splats, replace(plan, window=window), order, portions, limits, keeping)
-            return np.ones(Band.of(window).closed.size, bool)
+            return np.ones(TileBand.of(window).closed.size, bool)
         more = {"limits": limits, "keeping": keeping, "stride": layers.stride, "needed": layers.needed, "exact": True}
         spec = self.sheets.begin_all(scratch, splats, plan, portions, **more)
         band = self.sheets.draw_window(spec, splats, self.sheets.ordered(spec, splats, window), window)
         return band.drawn if self.device.card is None else np.ones_like(band.drawn)
 
-    def _over(self, target: Target, layers: Sequence[Drawn], band: Band, holding: np.ndarray) -> None:
+    def _over(self, target: RenderTarget, layers: Sequence[Drawn], band: TileBand, holding: np.ndarray) -> None:
         """Composites the tiles of a band. holding: of each tile a bit for each layer that may have matter there."""
         plan = layers[0][1]
         program = self.device.programs.for_tiles("layers_over.comp", plan.program, {"LAYERS": len(layers)})
@@ -197,25 +197,27 @@ def layer_uniforms(layers: Sequence[Drawn]) -> dict[str, object]:
     return dict(uniforms)
 
 
-def union(windows: Sequence[Window]) -> Window:
+def union(windows: Sequence[PixelWindow]) -> PixelWindow:
     """Returns the smallest window around all non-empty windows, its left and top at a tile's edge."""
     nonempty = [w for w in windows if w.width and w.height]
     if not nonempty:
-        return Window(0, 0, 0, 0)
+        return PixelWindow(0, 0, 0, 0)
     left, top = min(w.x for w in nonempty) // COLUMNS * COLUMNS, min(w.y for w in nonempty) // ROWS * ROWS
-    return Window(left, top, max(w.x + w.width for w in nonempty) - left, max(w.y + w.height for w in nonempty) - top)
+    return PixelWindow(
+        left, top, max(w.x + w.width for w in nonempty) - left, max(w.y + w.height for w in nonempty) - top
+    )
 
 
-def _rows(window: Window, height: int) -> tuple[Window, Window]:
+def _rows(window: PixelWindow, height: int) -> tuple[PixelWindow, PixelWindow]:
     """Splits a window below its first `height` rows."""
     x, y, width, total = window.box
-    return Window(x, y, width, height), Window(x, y + height, width, total - height)
+    return PixelWindow(x, y, width, height), PixelWindow(x, y + height, width, total - height)
 
 
-def _columns(window: Window) -> list[Window]:
+def _columns(window: PixelWindow) -> list[PixelWindow]:
     """Splits a row of tiles into two halves; raises InputError for a single tile."""
     x, y, width, height = window.box
     if width <= COLUMNS:
         raise InputError("layers: 8×8 samples of them hold more matter than there is room for; draw fewer together")
     part = -(-width // (2 * COLUMNS)) * COLUMNS
-    return [Window(x, y, part, height), Window(x + part, y, width - part, height)]
+    return [PixelWindow(x, y, part, height), PixelWindow(x + part, y, width - part, height)]

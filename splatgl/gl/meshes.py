@@ -19,7 +19,7 @@ from splatgl.geometry.camera import Camera
 from splatgl.gl.buffers import free, texel_texture
 from splatgl.gl.device import Device
 from splatgl.gl.program import cover, set_uniforms, use_blend
-from splatgl.gl.target import Target, check_size, settle
+from splatgl.gl.target import RenderTarget, check_size, settle
 from splatgl.transfer.colormaps import map_places, map_tables
 
 # texture units of the nearest and farthest depths; volumes use the lower units
@@ -40,7 +40,7 @@ CORNER = "3f 3f 4f 2f"
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
+class DepthLimits:
     """Depths of each sample between which matter is drawn: float textures, world units divided by `unit`."""
 
     nearest: moderngl.Texture
@@ -59,7 +59,7 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
-class Peel:
+class PeelTarget:
     """Render target of surfaces: light and depths."""
 
     light: moderngl.Texture
@@ -73,7 +73,7 @@ class Peel:
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class TriangleGroup:
     """Triangles that are drawn together: all meshes without a texture, or one with it. row: of its colour map."""
 
     corners: moderngl.Buffer
@@ -86,7 +86,7 @@ class Surfaces:
 
     def __init__(self, device: Device) -> None:
         self.ctx, self.programs = device.ctx, device.programs
-        self.targets: list[Peel] = []
+        self.targets: list[PeelTarget] = []
         self.size = (0, 0)
         # of the latest picture
         self.textures: dict[Texture, moderngl.Texture] = {}
@@ -99,7 +99,7 @@ class Surfaces:
 
     def peeled(
         self, meshes: Sequence[Mesh], camera: Camera, unit: float, lit: bool, plain: bool = True
-    ) -> Iterator[tuple[Limits, moderngl.Texture]]:
+    ) -> Iterator[tuple[DepthLimits, moderngl.Texture]]:
         """Yields the depths between which matter lies, and the light of the surfaces behind it, nearest first.
 
         unit: world units per unit of the frame's lengths. lit: surfaces are shaded. Raises InputError for more than
@@ -126,15 +126,15 @@ class Surfaces:
             for _ in range(MOST_PEELS):
                 if not self._draw(groups[1], now, before, end, (camera.perspective, not plain), (depths, lit)):
                     break
-                yield Limits(before.depth, now.depth, unit), now.light
+                yield DepthLimits(before.depth, now.depth, unit), now.light
                 before, now = now, before
             else:
                 raise InputError(f"meshes: expected at most {MOST_PEELS} surfaces behind each other, got more")
-            yield Limits(before.depth, end.depth, unit), end.light
+            yield DepthLimits(before.depth, end.depth, unit), end.light
         finally:
             free(mapped, *(group.corners for group in (*groups[0], *groups[1])))
 
-    def composite(self, target: Target, matter: Target, surface: moderngl.Texture) -> None:
+    def composite(self, target: RenderTarget, matter: RenderTarget, surface: moderngl.Texture) -> None:
         """Blends matter, and the surface behind it, behind the contents of the target."""
         program = self.programs.for_screen("surface_over.frag")
         set_uniforms(program, matter=MATTER_UNIT, surface=SURFACE_UNIT)
@@ -147,15 +147,15 @@ class Surfaces:
 
     def _draw(
         self,
-        groups: Sequence[Group],
-        into: Peel,
-        before: Peel,
-        end: Peel,
+        groups: Sequence[TriangleGroup],
+        into: PeelTarget,
+        before: PeelTarget,
+        end: PeelTarget,
         program: tuple[bool, bool],
         style: tuple[tuple[float, float], bool],
     ) -> bool:
         """Draws the nearest surfaces between the depths of `before` and `end`; returns whether there are any."""
-        Limits(before.depth, end.depth, 1.0).use()
+        DepthLimits(before.depth, end.depth, 1.0).use()
         clear = self.programs.for_screen("surface_clear.frag")
         set_uniforms(clear, **LIMIT_UNITS)
         into.framebuffer.use()
@@ -184,19 +184,19 @@ class Surfaces:
         self.ctx.enable_only(moderngl.NOTHING)
         return bool(query.samples)
 
-    def _groups(self, meshes: Sequence[Mesh], corners: np.ndarray, maps: int) -> list[Group]:
+    def _groups(self, meshes: Sequence[Mesh], corners: np.ndarray, maps: int) -> list[TriangleGroup]:
         """Buffers of the corners of meshes, which are in their order. maps: number of the first colour map."""
-        plain, textured, first = [corners[:0]], list[Group](), 0
+        plain, textured, first = [corners[:0]], list[TriangleGroup](), 0
         for mesh in meshes:
             part = corners[first : first + 3 * len(mesh)]
             if mesh.texture is None:
                 plain.append(part)
             elif len(part):
-                textured.append(Group(self.ctx.buffer(part.tobytes()), mesh.texture, maps))
+                textured.append(TriangleGroup(self.ctx.buffer(part.tobytes()), mesh.texture, maps))
             maps += mesh.has_map
             first += 3 * len(mesh)
         others = np.concatenate(plain)
-        return [*([Group(self.ctx.buffer(others.tobytes()), None, 0)] if len(others) else []), *textured]
+        return [*([TriangleGroup(self.ctx.buffer(others.tobytes()), None, 0)] if len(others) else []), *textured]
 
     def _keep_textures(self, textures: Sequence[Texture]) -> None:
         """Uploads textures, and frees all others."""
@@ -209,7 +209,7 @@ class Surfaces:
                 texels = texture.texels.tobytes()
                 self.textures[texture] = texel_texture(self.ctx, (width, height), channels, "f4", texels)
 
-    def _sized(self, size: tuple[int, int]) -> list[Peel]:
+    def _sized(self, size: tuple[int, int]) -> list[PeelTarget]:
         """Returns four targets of `size`, recreated when the size changes."""
         if self.size != size or not self.targets:
             check_size(self.ctx, size)
@@ -217,10 +217,10 @@ class Surfaces:
             self.targets, self.size = [self._peel(size) for _ in range(4)], size
         return self.targets
 
-    def _peel(self, size: tuple[int, int]) -> Peel:
+    def _peel(self, size: tuple[int, int]) -> PeelTarget:
         light, depth = (texel_texture(self.ctx, size, components, "f4") for components in (4, 1))
         buffer = self.ctx.depth_renderbuffer(size)
-        return Peel(light, depth, self.ctx.framebuffer([light, depth], buffer), buffer)
+        return PeelTarget(light, depth, self.ctx.framebuffer([light, depth], buffer), buffer)
 
 
 def corners_of(meshes: Sequence[Mesh], maps: int, camera: Camera, unit: float) -> np.ndarray:

@@ -17,15 +17,15 @@ from splatgl.gl.buffers import DrawOrder, free
 from splatgl.gl.device import Device
 from splatgl.gl.features import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.gl.layer_quads import LayerQuads
-from splatgl.gl.layers import Drawn, Layers, LayerTiles, union
-from splatgl.gl.meshes import Limits, Surfaces
+from splatgl.gl.layers import Drawn, LayerBatch, LayerTiles, union
+from splatgl.gl.meshes import DepthLimits, Surfaces
 from splatgl.gl.program import cover
 from splatgl.gl.quads import Quads, SheetQuads
-from splatgl.gl.shader import Shape
-from splatgl.gl.sheet_tiles import Batches, SheetTiles
-from splatgl.gl.target import Portions, Target
+from splatgl.gl.shader import ComputeShape
+from splatgl.gl.sheet_tiles import SheetTiles, SplatBatches
+from splatgl.gl.target import Portions, RenderTarget
 from splatgl.gl.tiles import SplatTiles, Tiles
-from splatgl.planning.culling import Window, clip_behind_eye, order_for, visible_boxes
+from splatgl.planning.culling import PixelWindow, clip_behind_eye, order_for, visible_boxes
 from splatgl.planning.plan import Plan
 from splatgl.planning.resolve import END_CORRECTION
 from splatgl.splat.splats import Splats
@@ -39,12 +39,12 @@ class Technique(Protocol):
 
     def draw(
         self,
-        target: Target,
+        target: RenderTarget,
         splats: Splats,
         plan: Plan,
         order: DrawOrder,
         portions: Portions,
-        limits: Limits | None = None,
+        limits: DepthLimits | None = None,
     ) -> None:
         """Draws all splats of a picture; raises Interrupted if cancelled between portions. limits: depths between which
         the matter of sheets and boxes is drawn; None: all.
@@ -57,7 +57,7 @@ class Technique(Protocol):
 class Passes:
     """Techniques of a device, and their GL objects, which are cached between pictures. shape: of compute shaders."""
 
-    def __init__(self, ctx: moderngl.Context, owned: ExitStack, shape: Shape) -> None:
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack, shape: ComputeShape) -> None:
         device = self.device = Device(ctx, owned, shape)
         self.ctx, self.targets, self.tiles = ctx, device.targets, Tiles(device)
         self.single, self.sheets = SingleSamples(device), SheetTiles(device, self.tiles)
@@ -90,7 +90,7 @@ class Passes:
         plan: Plan,
         role: str = "draw",
         interrupted: Callable[[], bool] | None = None,
-        batches: Batches | None = None,
+        batches: SplatBatches | None = None,
     ) -> np.ndarray:
         """Returns the picture of the splats, float32 [H, W, 4]; of batches with a shell its samples.
 
@@ -127,7 +127,7 @@ class Passes:
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         window = union([plan.window for _, plan in layers])
         if not window.is_empty:
-            self._layers_by(plan).composite(target, Layers(visible, self._bind, scratch, portions))
+            self._layers_by(plan).composite(target, LayerBatch(visible, self._bind, scratch, portions))
         return self._read(target, replace(plan, window=window), portions)
 
     def draw_surfaces(
@@ -147,16 +147,16 @@ class Passes:
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         self._bind(first, plan)
         self.single.kept = None
-        for limits, light in self.surfaces.peeled(meshes, camera, unit, lit, plan.program.look.light.plain):
+        for limits, light in self.surfaces.peeled(meshes, camera, unit, lit, plan.program.appearance.light.plain):
             part.clear()
             if len(visible) > 1:
-                together = Layers(visible, self._bind, scratch, portions, limits)
+                together = LayerBatch(visible, self._bind, scratch, portions, limits)
                 self._layers_by(plan).composite(part, together)
             elif visible:
                 self._draw_splats(part, *visible[0], portions, limits=limits)
             self._bind(first, plan)
             self.surfaces.composite(target, part, light)
-        return self._read(target, replace(plan, window=Window(0, 0, *plan.view.size)), portions)
+        return self._read(target, replace(plan, window=PixelWindow(0, 0, *plan.view.size)), portions)
 
     def _layers_by(self, plan: Plan) -> LayerTiles | LayerQuads:
         """Returns what draws layers by the technique of a plan."""
@@ -166,7 +166,7 @@ class Passes:
         """Returns the picture of joined samples of its parts, float32 [H, W, 4]."""
         target = self.targets.get("draw", plan.view.size, plan.target)
         target.texture.write(np.ascontiguousarray(samples, np.float32), (0, 0, *target.size))
-        if plan.program.look.shows_value:
+        if plan.program.appearance.shows_value:
             self._bind(whole, plan)
             if plan.program.technique == "tiles":
                 self.sheets.show(target, whole, plan)
@@ -174,7 +174,7 @@ class Passes:
                 self.sheet_quads.show_samples(target, whole, plan, samples)
         return self._read(target, plan, Portions(self.ctx))
 
-    def _read(self, target: Target, plan: Plan, portions: Portions) -> np.ndarray:
+    def _read(self, target: RenderTarget, plan: Plan, portions: Portions) -> np.ndarray:
         """Returns the pixels of the target's samples."""
         behind = plan.resolved.behind
         if plan.resolved.averaged or behind is not None:
@@ -185,20 +185,20 @@ class Passes:
 
     def _draw_splats(
         self,
-        target: Target,
+        target: RenderTarget,
         splats: Splats,
         plan: Plan,
         portions: Portions,
-        batches: Batches | None = None,
-        limits: Limits | None = None,
+        batches: SplatBatches | None = None,
+        limits: DepthLimits | None = None,
     ) -> None:
         self._bind(splats, plan)
         if batches is not None:
             drawing = self.sheets if plan.program.technique == "tiles" else self.sheet_quads
             drawing.draw_batches(target, splats, plan, batches, portions)
             return
-        look = plan.program.look
-        boxes = order_for(splats, plan.resolved.camera) if look.hides and not look.sheets else None
+        appearance = plan.program.appearance
+        boxes = order_for(splats, plan.resolved.camera) if appearance.hides and not appearance.sheets else None
         order = DrawOrder(boxes, boxes is not None and plan.order == "front-to-back")
         kind = "sheets in " if plan.resolved.sheets else "boxes in " if plan.resolved.boxes else ""
         technique = f"{kind}{plan.program.technique}"
@@ -214,7 +214,9 @@ class Passes:
         device.tables.use(plan)
         device.fields.use(splats, plan)
 
-    def _resolve(self, source: Target, plan: Plan, behind: tuple[float, ...] | None, portions: Portions) -> Target:
+    def _resolve(
+        self, source: RenderTarget, plan: Plan, behind: tuple[float, ...] | None, portions: Portions
+    ) -> RenderTarget:
         program = self.single.resolving(plan)
         width, height = plan.view.size
         target = self.targets.get("resolve", (width // plan.samples, height // plan.samples), "rgba32f")

@@ -10,7 +10,7 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.features import FIELD_UNITS, FRAME_BINDING, STYLE_BINDING, features_of
-from splatgl.gl.shader import ShaderError, Shape, compose, declared_switches
+from splatgl.gl.shader import ComputeShape, ShaderError, compose, declared_switches
 from splatgl.planning.plan import Program
 from splatgl.splat.kernels import kernel, polynomials, single_polynomial
 
@@ -42,19 +42,19 @@ def use_blend(ctx: moderngl.Context, join: str = "over", nearest_first: bool = T
 
 def splat_switches(program: Program) -> dict[str, str | int | bool]:
     """Returns the shader switches of a plan's program."""
-    look, seen = program.look, program.seen
+    appearance, seen = program.appearance, program.seen
     return {
         "ALIGN": f"ALIGN_{program.align.upper()}",
         "PERSPECTIVE": seen.perspective,
         "ANTIALIAS": seen.antialias,
         "CUBIC": seen.cubic,
         "HALF_LINE": seen.half_line,
-        "SHADING": look.shading,
-        "JOIN": f"JOIN_{look.join.upper()}",
+        "SHADING": appearance.shading,
+        "JOIN": f"JOIN_{appearance.join.upper()}",
         # values are means weighted by shares of the peak
-        "PEAK": look.join == "max" or look.steps > 0,
-        **({"SHEETS": look.sheets, "STEPS": look.steps} if look.sheets else {}),
-        "ATTENUATION": f"ATTENUATION_{look.attenuation.upper().replace('-', '_')}",
+        "PEAK": appearance.join == "max" or appearance.steps > 0,
+        **({"SHEETS": appearance.sheets, "STEPS": appearance.steps} if appearance.sheets else {}),
+        "ATTENUATION": f"ATTENUATION_{appearance.attenuation.upper().replace('-', '_')}",
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
         "MOTION": f"MOTION_{program.motion.upper()}",
         "FLOW": program.flow,
@@ -138,7 +138,7 @@ def cover(program: moderngl.Program) -> None:
 class Programs:
     """LRU cache of compiled programs; compiles a program on its first use. shape: of the compute shaders."""
 
-    def __init__(self, ctx: moderngl.Context, owned: ExitStack, shape: Shape) -> None:
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack, shape: ComputeShape) -> None:
         self.ctx, self.shape = ctx, shape
         # programs by shader files and switches, the most recently used last; number of compilations
         self.kept: dict[tuple[tuple[str, ...], Chosen], Compiled] = {}

@@ -22,9 +22,9 @@ from splatgl.geometry.grid import corners_of
 from splatgl.geometry.view import GridView
 from splatgl.gl.buffers import (
     DrawOrder,
-    Instances,
+    InstanceBuffer,
     Range,
-    Sorted,
+    SortedRecords,
     chunks,
     free,
     texel_texture,
@@ -32,13 +32,13 @@ from splatgl.gl.buffers import (
 )
 from splatgl.gl.device import Device
 from splatgl.gl.features import Uniforms, feature_uniforms, frame_block
-from splatgl.gl.meshes import Limits
+from splatgl.gl.meshes import DepthLimits
 from splatgl.gl.program import EXTREMES, cover, set_uniforms, use_blend
-from splatgl.gl.sheet_tiles import Batches, may_show, sheet_uniforms
-from splatgl.gl.target import Portions, Target, settle
+from splatgl.gl.sheet_tiles import SplatBatches, may_show, sheet_uniforms
+from splatgl.gl.target import Portions, RenderTarget, settle
 from splatgl.gl.textures import BLUR_UNIT, CLASS_UNIT, HALF_LINE_UNIT
 from splatgl.gl.tiles import bands_of
-from splatgl.planning.culling import Window, screen_bounds
+from splatgl.planning.culling import PixelWindow, screen_bounds
 from splatgl.planning.plan import Plan
 from splatgl.splat.sheets import NearField, Sheets, index_direction
 from splatgl.splat.splats import MOST_KEPT, Splats
@@ -53,23 +53,23 @@ class Quads:
 
     def __init__(self, device: Device) -> None:
         self.ctx, self.programs, self.splats = device.ctx, device.programs, device.splats
-        self.flowing: Sorted | None = None
+        self.flowing: SortedRecords | None = None
 
     def draw(
         self,
-        target: Target,
+        target: RenderTarget,
         splats: Splats,
         plan: Plan,
         order: DrawOrder,
         portions: Portions,
-        limits: Limits | None = None,
+        limits: DepthLimits | None = None,
     ) -> None:
         """Blends the splats into `target` in drawing order, chunk by chunk; raises Interrupted if cancelled."""
         program = self.programs.for_splats(plan.program, {"LIMITED": True} if limits is not None else {})
         if limits is not None:
             limits.use_in(program, splats.grid.mean_spacing)
         set_uniforms(program, half_table=HALF_LINE_UNIT, blur_table=BLUR_UNIT, **feature_uniforms(splats, plan))
-        use_blend(self.ctx, plan.program.look.join, order.nearest_first)
+        use_blend(self.ctx, plan.program.appearance.join, order.nearest_first)
         target.framebuffer.use()
         for chunk in chunks((0, len(splats))):
             quads = self._instances(splats, plan, order, chunk)
@@ -82,7 +82,7 @@ class Quads:
         free(self.flowing)
         self.flowing = None
 
-    def _instances(self, splats: Splats, plan: Plan, order: DrawOrder, which: Range) -> Instances:
+    def _instances(self, splats: Splats, plan: Plan, order: DrawOrder, which: Range) -> InstanceBuffer:
         """Returns the instances of splats `which` of the drawing order."""
         if not plan.program.flow:
             return self.splats.of(splats).quads(plan.program.runs, order, which)
@@ -91,7 +91,7 @@ class Quads:
             raise expected("splats", f"at most {MOST_KEPT:,} that flow", f"{len(splats):,}", "raise the threshold")
         if self.flowing is None or not self.flowing.flows(splats, plan.exposure):
             self.release()
-            self.flowing = Sorted(self.ctx, splats, plan.exposure)
+            self.flowing = SortedRecords(self.ctx, splats, plan.exposure)
         self.flowing.write(order, plan.program.runs, which)
         return self.flowing.instances
 
@@ -112,15 +112,15 @@ FAR = 2**30
 MOST_PIXELS = 2**22
 
 
-class Group(NamedTuple):
+class SheetGroup(NamedTuple):
     """Splats with the same first sheet, from begin to end (exclusive). window: pixels that they reach."""
 
     begin: int
     end: int
-    window: Window
+    window: PixelWindow
 
 
-class Kind(NamedTuple):
+class RingFormat(NamedTuple):
     """Properties that determine a ring's textures. size: pixels of the picture. rows: of a band. sheets: sheets per
     splat. post: whether values are classified after reconstruction.
     """
@@ -132,7 +132,7 @@ class Kind(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Sheeted:
+class SheetPicture:
     """Splats that are drawn in sheets, with the uniforms of their programs. field: near sheets. limits: depths between
     which matter is drawn; None: all.
     """
@@ -141,7 +141,7 @@ class Sheeted:
     plan: Plan
     uniforms: Uniforms
     field: NearField | None
-    limits: Limits | None = None
+    limits: DepthLimits | None = None
 
     @property
     def first(self) -> int:
@@ -160,9 +160,9 @@ class SheetQuads:
     def __init__(self, device: Device) -> None:
         self.ctx, self.programs, self.tables = device.ctx, device.programs, device.tables
         self.near, self.frame = device.near, device.frame
-        self.instances = Instances(device.ctx)
+        self.instances = InstanceBuffer(device.ctx)
         # the latest records, where their sheets are, and their order
-        self.filled: tuple[weakref.ref[np.ndarray], tuple[object, ...], Order] | None = None
+        self.filled: tuple[weakref.ref[np.ndarray], tuple[object, ...], SheetGroups] | None = None
         self.ring: Ring | None = None
         # joined values of blends of one value; of an attenuated maximum also those before the sheet that is closed
         self.joined: JoinedValues | None = None
@@ -175,23 +175,25 @@ class SheetQuads:
 
     def draw(
         self,
-        target: Target,
+        target: RenderTarget,
         splats: Splats,
         plan: Plan,
         order: DrawOrder,
         portions: Portions,
-        limits: Limits | None = None,
+        limits: DepthLimits | None = None,
     ) -> None:
         """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: unused."""
         assert plan.resolved.sheets is not None
         picture = self.begin(splats, plan, NearField.of(splats, plan.view, plan.resolved.sheets), limits)
         groups = self.fill(picture, splats)
-        for band in bands_of(Window(0, 0, *plan.view.size), MOST_PIXELS):
+        for band in bands_of(PixelWindow(0, 0, *plan.view.size), MOST_PIXELS):
             self._draw_band(target, picture, band, [groups], portions)
-        if plan.program.look.shows_value:
+        if plan.program.appearance.shows_value:
             self.show(target, splats, plan)
 
-    def draw_batches(self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions) -> None:
+    def draw_batches(
+        self, target: RenderTarget, whole: Splats, plan: Plan, batches: SplatBatches, portions: Portions
+    ) -> None:
         """Composites batches of splats whose sheets do not lie before the sheets of earlier batches.
 
         whole: describes all splats.
@@ -202,18 +204,20 @@ class SheetQuads:
         width, height = plan.view.size
         rows = min(-(-height // batches.bands), max(MOST_PIXELS // width, 1))
         for top in range(0, height, rows):
-            band = Window(0, top, width, min(rows, height - top))
+            band = PixelWindow(0, top, width, min(rows, height - top))
             visible = functools.partial(is_visible, plan=plan, band=band)
             groups = (self.fill(picture, splats) for splats in batches.of(visible) if len(splats))
             self._draw_band(target, picture, band, groups, portions)
-        if plan.program.look.shows_value:
+        if plan.program.appearance.shows_value:
             self.show(target, whole, plan, partial=shell is not None)
 
-    def begin(self, splats: Splats, plan: Plan, field: NearField | None, limits: Limits | None = None) -> Sheeted:
+    def begin(
+        self, splats: Splats, plan: Plan, field: NearField | None, limits: DepthLimits | None = None
+    ) -> SheetPicture:
         """Returns a picture whose sheets are drawn. field: voxels around the eye."""
-        return Sheeted(splats, plan, sheet_uniforms(splats, plan), field, limits)
+        return SheetPicture(splats, plan, sheet_uniforms(splats, plan), field, limits)
 
-    def fill(self, picture: Sheeted, splats: Splats) -> dict[int, Group]:
+    def fill(self, picture: SheetPicture, splats: Splats) -> dict[int, SheetGroup]:
         """Uploads splats of a picture, by first sheet, unless the latest ones are the same, seen from the same eye;
         returns their groups by first sheet, ascending.
         """
@@ -228,7 +232,7 @@ class SheetQuads:
             self.filled = weakref.ref(records), eye, order
         return self.filled[2].groups(view)
 
-    def bind(self, picture: Sheeted, band: Window, corner: tuple[int, int], piece: bool = False) -> None:
+    def bind(self, picture: SheetPicture, band: PixelWindow, corner: tuple[int, int], piece: bool = False) -> None:
         """Sets up the programs for a band. corner: the target's place of the band's first pixel. piece: whether parts
         of sheets are kept, instead of composited.
         """
@@ -252,17 +256,17 @@ class SheetQuads:
         self.frame.write(block.tobytes())
 
     def sweep(
-        self, picture: Sheeted, band: Window, batches: Iterable[dict[int, Group]], portions: Portions
-    ) -> Iterator[tuple[int, Window]]:
+        self, picture: SheetPicture, band: PixelWindow, batches: Iterable[dict[int, SheetGroup]], portions: Portions
+    ) -> Iterator[tuple[int, PixelWindow]]:
         """Adds the splats of batches to their sheets. Yields each sheet once it is complete, nearest first, and the
         window in which it may hold matter.
         """
-        look, near = picture.plan.program.look, picture.near
+        appearance, near = picture.plan.program.appearance, picture.near
         x, _, width, _ = picture.plan.window.box
-        ring = self._ring(Kind(picture.plan.view.size, band.height, look.sheets, look.steps > 0))
-        ring.begin(band, band if near else Window(x, band.y, width, band.height))
-        first_base = near.stop - 1 - look.sheets if near else -FAR
-        reached: dict[int, Group] = {}
+        ring = self._ring(RingFormat(picture.plan.view.size, band.height, appearance.sheets, appearance.steps > 0))
+        ring.begin(band, band if near else PixelWindow(x, band.y, width, band.height))
+        first_base = near.stop - 1 - appearance.sheets if near else -FAR
+        reached: dict[int, SheetGroup] = {}
         waiting = set(near)
         for groups in chain(batches, [None]):
             last = FAR
@@ -281,25 +285,30 @@ class SheetQuads:
             waiting = {n for n in waiting if n > last}
 
     def _draw_band(
-        self, target: Target, picture: Sheeted, band: Window, batches: Iterable[dict[int, Group]], portions: Portions
+        self,
+        target: RenderTarget,
+        picture: SheetPicture,
+        band: PixelWindow,
+        batches: Iterable[dict[int, SheetGroup]],
+        portions: Portions,
     ) -> None:
-        look, into = picture.plan.program.look, target.framebuffer
+        appearance, into = picture.plan.program.appearance, target.framebuffer
         self.bind(picture, band, (0, band.y))
-        if look.shows_value:
+        if appearance.shows_value:
             into = self.joined_target(target.size).framebuffer
-            into.clear(LEAST if look.join in EXTREMES else 0.0, viewport=band.box)
-        before = self._begin_before(target.size) if look.join == "attenuated" else None
+            into.clear(LEAST if appearance.join in EXTREMES else 0.0, viewport=band.box)
+        before = self._begin_before(target.size) if appearance.join == "attenuated" else None
         try:
             for sheet, window in self.sweep(picture, band, batches, portions):
                 into.scissor = window.box
-                self.close(into, sheet, look.join)
+                self.close(into, sheet, appearance.join)
                 if before is not None:
                     # within the scissor
                     self.ctx.copy_framebuffer(before, into)
         finally:
             into.scissor = None  # type: ignore[assignment]
 
-    def _add(self, ring: Ring, sheet: int, group: Group, portions: Portions) -> None:
+    def _add(self, ring: Ring, sheet: int, group: SheetGroup, portions: Portions) -> None:
         """Blends a group of splats into its sheets."""
         set_uniforms(self.adding, sheet=sheet)
         use_blend(self.ctx, "sum")
@@ -320,7 +329,7 @@ class SheetQuads:
             use_blend(self.ctx, join)
         cover(self.closing)
 
-    def show(self, target: Target, splats: Splats, plan: Plan, partial: bool = False) -> None:
+    def show(self, target: RenderTarget, splats: Splats, plan: Plan, partial: bool = False) -> None:
         """Classifies the joined value of each pixel. partial: keeps the values of a part."""
         program = self.programs.for_screen("sheet_show.frag", plan.program)
         set_uniforms(program, joined_values=JOINED_UNIT, **(sheet_uniforms(splats, plan) | {"partial": partial}))
@@ -332,10 +341,10 @@ class SheetQuads:
         self.ctx.enable_only(moderngl.NOTHING)
         cover(program)
 
-    def show_samples(self, target: Target, splats: Splats, plan: Plan, samples: np.ndarray) -> None:
+    def show_samples(self, target: RenderTarget, splats: Splats, plan: Plan, samples: np.ndarray) -> None:
         """Classifies the joined values of the parts of a picture, [H, W, 4]."""
         values = np.array(samples, np.float32)
-        if plan.program.look.join == "min":
+        if plan.program.appearance.join == "min":
             # as blending by the maximum keeps them
             values[..., 0] *= -1.0
         self.joined_target(target.size).texture.write(values, (0, 0, *target.size), alignment=4)
@@ -362,7 +371,7 @@ class SheetQuads:
         set_uniforms(self.closing, joined_before=JOINED_BEFORE_UNIT)
         return self.joined_before.framebuffer
 
-    def _ring(self, kind: Kind) -> Ring:
+    def _ring(self, kind: RingFormat) -> Ring:
         """Returns textures for the open sheets, which may have more rows."""
         ring = self.ring
         if ring is None or ring.kind._replace(rows=kind.rows) != kind or ring.kind.rows < kind.rows:
@@ -389,7 +398,7 @@ class JoinedValues:
 class Ring:
     """Ring of textures of a band's open sheets; with later classification, also of two earlier sheets."""
 
-    def __init__(self, ctx: moderngl.Context, kind: Kind) -> None:
+    def __init__(self, ctx: moderngl.Context, kind: RingFormat) -> None:
         self.ctx, self.kind, self.count, self.slots, self.top = ctx, kind, kind.sheets, kind.sheets + 2 * kind.post, 0
         size = uneven(kind.size[0]), uneven(kind.rows)
         self.sums = [texel_texture(ctx, size, 4, "f4") for _ in range(self.slots)]
@@ -398,14 +407,14 @@ class Ring:
         self.open = [ctx.framebuffer(self._attachments(n, self.count)) for n in range(self.slots)]
         self.each = [ctx.framebuffer(self._attachments(n, 1)) for n in range(self.slots)]
 
-    def begin(self, band: Window, window: Window) -> None:
+    def begin(self, band: PixelWindow, window: PixelWindow) -> None:
         """Starts a band of the picture; clears all sheets within a window of it."""
         self.top = band.y
         for slot, framebuffer in enumerate(self.open):
             framebuffer.viewport = (0, -band.y, *self.kind.size)
             self.clear(slot, window)
 
-    def clear(self, sheet: int, window: Window) -> None:
+    def clear(self, sheet: int, window: PixelWindow) -> None:
         """Clears a sheet within a window of the picture."""
         x, y, width, height = window.box
         self.each[sheet % self.slots].clear(viewport=(x, y - self.top, width, height))
@@ -434,7 +443,7 @@ def first_sheets(splats: Splats, sheets: Sheets, view: GridView, first: int) -> 
     return (sheets.base(sheets.places(view, splats.positions)) - first).astype(np.int16)
 
 
-class Order(NamedTuple):
+class SheetGroups(NamedTuple):
     """Groups of splats of equal number: the numbers, ascending; the first splat of each, and the end; boxes around each
     group's positions, low [G, 3] and high.
     """
@@ -444,44 +453,44 @@ class Order(NamedTuple):
     low: np.ndarray
     high: np.ndarray
 
-    def groups(self, view: GridView) -> dict[int, Group]:
+    def groups(self, view: GridView) -> dict[int, SheetGroup]:
         """Returns the groups by number, with the windows that they reach."""
         boxes = zip(self.low, self.high, strict=True)
         windows = [screen_bounds(corners_of(*box), view).window for box in boxes]
-        groups = map(Group, self.ends, self.ends[1:], windows)
+        groups = map(SheetGroup, self.ends, self.ends[1:], windows)
         return dict(zip(self.numbers, groups, strict=True))
 
 
-def sort_by_number(numbers: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, Order]:
+def sort_by_number(numbers: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, SheetGroups]:
     """Returns indices that sort splats at grid positions [N, 3] by their numbers [N], and their order."""
     indices = np.argsort(numbers, kind="stable")
     unique, begins = np.unique(numbers[indices], return_index=True)
     in_order = positions[indices]
     low, high = (reach.reduceat(in_order, begins).astype(np.float64) for reach in (np.minimum, np.maximum))
-    return indices, Order(unique.tolist(), [*begins.tolist(), len(numbers)], low, high)
+    return indices, SheetGroups(unique.tolist(), [*begins.tolist(), len(numbers)], low, high)
 
 
-def within(groups: dict[int, Group], band: Window) -> dict[int, Group]:
+def within(groups: dict[int, SheetGroup], band: PixelWindow) -> dict[int, SheetGroup]:
     """Returns the groups that reach into a band of rows, with their windows clipped to it."""
     clipped = {}
     for sheet, (begin, end, window) in groups.items():
         top, bottom = max(window.y, band.y), min(window.y + window.height, band.y + band.height)
         if top < bottom:
-            clipped[sheet] = Group(begin, end, Window(window.x, top, window.width, bottom - top))
+            clipped[sheet] = SheetGroup(begin, end, PixelWindow(window.x, top, window.width, bottom - top))
     return clipped
 
 
-def around(groups: dict[int, Group], first: int, last: int) -> Window:
+def around(groups: dict[int, SheetGroup], first: int, last: int) -> PixelWindow:
     """Returns the window of the groups whose first sheets are in first…last, inclusive; empty without groups."""
     windows = [groups[n].window for n in range(first, last + 1) if n in groups]
     if not windows:
-        return Window(0, 0, 0, 0)
+        return PixelWindow(0, 0, 0, 0)
     x, y = min(w.x for w in windows), min(w.y for w in windows)
     right, bottom = max(w.x + w.width for w in windows), max(w.y + w.height for w in windows)
-    return Window(x, y, right - x, bottom - y)
+    return PixelWindow(x, y, right - x, bottom - y)
 
 
-def is_visible(low: np.ndarray, high: np.ndarray, plan: Plan, band: Window) -> bool:
+def is_visible(low: np.ndarray, high: np.ndarray, plan: Plan, band: PixelWindow) -> bool:
     """Whether a box of voxels, from low to high (x, y, z), may be visible in a band of the picture."""
     if not may_show(low, high, plan):
         return False

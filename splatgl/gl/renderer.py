@@ -17,11 +17,11 @@ from splatgl.coercion import public
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
 from splatgl.geometry.camera import Camera
-from splatgl.gl.backends import ContextLost, hand_back
+from splatgl.gl.backends import ContextLost, restore_context
 from splatgl.gl.context import check_process, context_info, current, inherited, open_context
 from splatgl.gl.passes import Passes
 from splatgl.gl.shader import choose_shape
-from splatgl.gl.sheet_tiles import Batches
+from splatgl.gl.sheet_tiles import SplatBatches
 from splatgl.gl.target import check_size
 from splatgl.opengl import OpenGL
 from splatgl.planning.bricks import Bricks, IsVisible
@@ -29,9 +29,9 @@ from splatgl.planning.error_bound import bound
 from splatgl.planning.plan import Plan, plan
 from splatgl.planning.resolve import why_per_splat
 from splatgl.planning.scene import ResolvedScene, Scene, ScenePlan, join_pictures, plan_scene
-from splatgl.planning.technique import Hiding
+from splatgl.planning.technique import OcclusionCulling
 from splatgl.splat.extract_values import post_splats
-from splatgl.splat.motion import Moments, Motion
+from splatgl.splat.motion import Motion, Supersampling
 from splatgl.splat.settings import FULL_SHUTTER, Settings
 from splatgl.splat.splats import Splats
 
@@ -72,7 +72,7 @@ class Renderer:
             self.owned.close()
             raise
         finally:
-            hand_back()
+            restore_context()
 
     def __enter__(self) -> Renderer:
         return self
@@ -136,7 +136,7 @@ class Renderer:
             return self.draw(scene, verify_bound, interrupted)
         sharp = replace(settings, moments=None, motion=settings.motion if chosen.exposure else "off")
         draw = partial(self.render, verify_bound=verify_bound, interrupted=interrupted)
-        mean = Moments(draw, motion, sharp.shutter, chosen.moments, blurred=chosen.exposure is not None)
+        mean = Supersampling(draw, motion, sharp.shutter, chosen.moments, blurred=chosen.exposure is not None)
         # a scene has no flow, and is passed to `draw` unchanged
         image = mean(splats, camera, sharp)  # type: ignore[arg-type]
         info = self._scene_info(scene, started)
@@ -287,7 +287,7 @@ class Renderer:
         assert chosen.resolved.sheets is not None
         near = bricks.near(chosen.resolved.sheets, chosen.view)
         with current(self.ctx):
-            return self._draw(chosen, interrupted=interrupted, batches=Batches(batches, bands, bricks.shell, near))
+            return self._draw(chosen, interrupted=interrupted, batches=SplatBatches(batches, bands, bricks.shell, near))
 
     def _of_bricks(
         self, bricks: Bricks, camera: Camera, chosen: Plan, pixels: np.ndarray, splats: int, started: float
@@ -295,7 +295,7 @@ class Renderer:
         plan = ScenePlan((chosen,), ResolvedScene((), camera, chosen.settings, bricks=bricks))
         info = self._scene_info(plan, started)
         info |= {"splats": splats, "bricks": len(bricks.low), "error_bound": None, "tolerance_met": None}
-        info["unmasked"] = bricks.whole.unmasked + sum(bricks.gaps.values())
+        info["unmasked"] = bricks.whole.missing_samples + sum(bricks.gaps.values())
         return Image(pixels, info, drawn=pixels, plan=plan)
 
     def _verified(self, chosen: Plan, camera: Camera, pixels: np.ndarray) -> float:
@@ -313,7 +313,7 @@ class Renderer:
         chosen: Plan,
         role: str = "draw",
         interrupted: Callable[[], bool] | None = None,
-        batches: Batches | None = None,
+        batches: SplatBatches | None = None,
     ) -> np.ndarray:
         return self._guarded(chosen, partial(self.passes.draw, chosen.splats, chosen, role, interrupted, batches))
 
@@ -351,7 +351,7 @@ class Renderer:
             "target": chosen.target,
             "tolerance": chosen.resolved.tolerance,
             "dropped_depth": chosen.splats.dropped_depth,
-            "unmasked": chosen.splats.unmasked,
+            "unmasked": chosen.splats.missing_samples,
             "renderer": self.info.renderer,
             "backend": self.info.backend,
             "opengl": self.info.version,
@@ -365,9 +365,9 @@ def _finer(chosen: Plan) -> Settings:
     """Settings of the same picture with the finest form, table and target; `auto` could choose another picture."""
     same = {
         "compositing": "splats" if chosen.resolved.sheets is None else "sheets",
-        "attenuation": chosen.program.look.attenuation,
+        "attenuation": chosen.program.appearance.attenuation,
     }
-    return chosen.settings.but(motion="off", **FINER | same)
+    return chosen.settings.replace(motion="off", **FINER | same)
 
 
 def _kind(chosen: Plan) -> tuple[object, ...]:
@@ -449,7 +449,7 @@ def undo_omissions(plan: Plan) -> dict[str, Plan]:
         "quads for tiles": (program.technique != "quads", plan.with_choices(technique="quads")),
         "antialiasing": (not program.seen.antialias, plan.with_choices(antialias=True)),
         "voxels of any shape": (program.seen.cubic, plan.with_choices(cubic=False)),
-        "what is hidden": (plan.hiding.cutoff > 0, replace(plan, hiding=Hiding())),
+        "what is hidden": (plan.hiding.cutoff > 0, replace(plan, hiding=OcclusionCulling())),
     }
     plans = {name: undone for name, (is_omitted, undone) in one_by_one.items() if is_omitted}
     if plans:

@@ -14,7 +14,7 @@ import moderngl
 import numpy as np
 
 from splatgl.errors import InputError, expected
-from splatgl.gl.backends import BackendError, Loader, WindowContext, hand_back, open_window
+from splatgl.gl.backends import BackendError, Loader, WindowContext, open_window, restore_context
 from splatgl.gl.buffers import free
 from splatgl.gl.context import adopt, current
 from splatgl.gl.program import build
@@ -61,7 +61,7 @@ class Screen:
                 "display", "one that opens a window", error, f"{DISPLAY_FIX}, or use splatgl render"
             ) from error
         finally:
-            hand_back()
+            restore_context()
         self.owned.callback(self.ctx.release)
         self.textures: dict[str, moderngl.Texture] = {}
         self.programs: dict[tuple[str, bool], tuple[moderngl.Program, moderngl.VertexArray]] = {}
@@ -110,7 +110,7 @@ class Screen:
                     program[name] = value
             whole.render(moderngl.TRIANGLES, vertices=3)
 
-    def mark(self, size: tuple[int, int], marks: Marks) -> None:
+    def mark(self, size: tuple[int, int], marks: ScreenMarks) -> None:
         """Draws marks over the window's back buffer of `size` pixels; restores the current context."""
         if marks:
             with self._working():
@@ -199,7 +199,7 @@ class Sprite:
 
 
 @dataclass(frozen=True, eq=False)
-class Marks:
+class ScreenMarks:
     """Sprites, strokes over them, and labels over both."""
 
     sprites: tuple[Sprite, ...] = ()
@@ -220,7 +220,7 @@ class Marker:
         # by the id of the pixels, which are stored so that Python does not reuse their ids
         self.textures: dict[int, tuple[np.ndarray, moderngl.Texture]] = {}
 
-    def draw(self, size: tuple[int, int], marks: Marks) -> None:
+    def draw(self, size: tuple[int, int], marks: ScreenMarks) -> None:
         """Draws the marks into the bound framebuffer of `size` pixels."""
         self.ctx.enable_only(moderngl.BLEND)
         self.ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA

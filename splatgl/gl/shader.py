@@ -41,7 +41,7 @@ SHAPE = "SPLATGL_SHAPE"
 
 
 @dataclass(frozen=True)
-class Shape:
+class ComputeShape:
     """Shape of compute shaders. lanes: invocations of a work group. rows: pixels in a column of a tile that an
     invocation draws. A processor draws columns of pixels, a graphics card one pixel an invocation.
     """
@@ -56,10 +56,10 @@ class Shape:
         return {"CARD": self.name == "card", "LANES": self.lanes, "ROWS": self.rows}
 
 
-SHAPES = {shape.name: shape for shape in (Shape("processor", 8, 8), Shape("card", 64, 1))}
+SHAPES = {shape.name: shape for shape in (ComputeShape("processor", 8, 8), ComputeShape("card", 64, 1))}
 
 
-def choose_shape(software: bool, name: str | None = None) -> Shape:
+def choose_shape(software: bool, name: str | None = None) -> ComputeShape:
     """Returns the shape of a name, of the environment variable SPLATGL_SHAPE, or of the device. software: whether the
     device draws on the CPU. Raises InputError for an unknown name.
     """

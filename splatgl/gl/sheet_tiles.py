@@ -17,8 +17,8 @@ from splatgl.geometry.view import GridView
 from splatgl.gl.buffers import (
     Buffers,
     DrawOrder,
-    Rewritten,
-    Texels,
+    ReusedTextures,
+    SplatTexels,
     clear_buffer,
     free,
     most_block,
@@ -29,24 +29,24 @@ from splatgl.gl.device import Device
 from splatgl.gl.features import Uniforms, base_of, feature_uniforms
 from splatgl.gl.program import set_uniforms
 from splatgl.gl.shader import CONTINUED
-from splatgl.gl.target import Portions, Target
-from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, NOTHING, class_uniforms
+from splatgl.gl.target import Portions, RenderTarget
+from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, NO_NEAR_SHEETS, class_uniforms
 from splatgl.gl.tiles import (
     GROUPS,
     LIST_UNIT,
     LISTS,
     MOST_TILES,
     OPEN,
-    Band,
     ProjectedSplats,
     Spec,
+    TileBand,
     Tiles,
     bands_of,
     tile_counts,
     unlisted_tiles,
 )
 from splatgl.planning.bricks import IsVisible, Shell
-from splatgl.planning.culling import Frustum, Window, blocks_in_frustum, screen_bounds, tiles_beside_box
+from splatgl.planning.culling import Frustum, PixelWindow, blocks_in_frustum, screen_bounds, tiles_beside_box
 from splatgl.planning.plan import Plan
 from splatgl.planning.technique import COLUMNS, ROWS, batch_starts
 from splatgl.splat.sheets import NearField, index_direction
@@ -67,7 +67,7 @@ MOST_PIXELS = 2**20
 
 
 @dataclass(frozen=True)
-class Batches:
+class SplatBatches:
     """Batches of splats that are drawn while later ones are extracted.
 
     of: yields the batches of a band, nearest first; its argument tells whether a box of voxels may be visible there.
@@ -82,7 +82,7 @@ class Batches:
 
 
 # records by their first sheet, and how many of them may be visible; all records and 0 if they are drawn in rounds
-Ordered = tuple[Texels, int]
+Ordered = tuple[SplatTexels, int]
 
 
 class SheetTiles:
@@ -90,14 +90,14 @@ class SheetTiles:
 
     def __init__(self, device: Device, tiles: Tiles) -> None:
         self.device, self.tiles = device, tiles
-        self.order, self.batch = SheetOrder(device), Rewritten(device.ctx)
+        self.order, self.batch = SheetOrder(device), ReusedTextures(device.ctx)
 
     def release(self) -> None:
         """Frees all buffers and textures but those of `tiles`; they are recreated on demand."""
         free(self.order, self.batch)
 
     def begin(
-        self, target: Target, splats: Splats, plan: Plan, portions: Portions, near: NearField | None, **more: Any
+        self, target: RenderTarget, splats: Splats, plan: Plan, portions: Portions, near: NearField | None, **more: Any
     ) -> Spec:
         """Draws the near sheets; returns how the others are drawn. more: further fields of Spec."""
         uniforms = sheet_uniforms(splats, plan)
@@ -108,16 +108,16 @@ class SheetTiles:
         on = {"LIMITED": spec.limits is not None, "NEAR": near is not None, "LAYERED": spec.keeping is not None}
         return replace(spec, switches={name: True for name, is_on in on.items() if is_on})
 
-    def begin_all(self, target: Target, splats: Splats, plan: Plan, portions: Portions, **more: Any) -> Spec:
+    def begin_all(self, target: RenderTarget, splats: Splats, plan: Plan, portions: Portions, **more: Any) -> Spec:
         """As `begin`, with the near sheets of splats that are all there."""
         assert plan.resolved.sheets is not None
         near = NearField.of(splats, plan.view, plan.resolved.sheets)
         return self.begin(target, splats, plan, portions, near, **more)
 
-    def ordered(self, spec: Spec, splats: Splats, window: Window | None = None) -> Ordered:
+    def ordered(self, spec: Spec, splats: Splats, window: PixelWindow | None = None) -> Ordered:
         """Returns splats that a window (or the picture) may show."""
         texels = self.device.splats.of(splats).texels(
-            spec.plan.program.look.attenuation == "fill", DrawOrder(None, True)
+            spec.plan.program.appearance.attenuation == "fill", DrawOrder(None, True)
         )
         if window is not None:
             spec.uniforms["edges"] = window_edges(spec.plan.view, in_pixels(window, spec.stride))
@@ -125,22 +125,22 @@ class SheetTiles:
             return texels, 0
         return self._in_order(spec, texels, len(splats), sheet_span(splats, spec.plan))
 
-    def _in_order(self, spec: Spec, texels: Texels, count: int, number: int) -> Ordered:
+    def _in_order(self, spec: Spec, texels: SplatTexels, count: int, number: int) -> Ordered:
         """Returns `count` records by their first of `number` sheets."""
         card, uniforms = self.device.card, spec.uniforms
         if card is None:
             return self.order.sorted((count, number), spec.plan, texels, uniforms, spec.portions)
         # sorting depends on no band
-        program = partial(spec.compiled, self.device.programs, Band.of(Window(0, 0, 0, 0)))
+        program = partial(spec.compiled, self.device.programs, TileBand.of(PixelWindow(0, 0, 0, 0)))
         order = card.sort_by_sheet(program, texels, count, number, uniforms)
-        return Texels(texels.records, texels.rest, order), count
+        return SplatTexels(texels.records, texels.rest, order), count
 
     def draw(self, spec: Spec, splats: Splats, ordered: Ordered) -> None:
         """Composites the picture."""
         for window in bands_of(spec.plan.window, MOST_PIXELS):
             self.draw_window(spec, splats, ordered, window)
 
-    def draw_window(self, spec: Spec, splats: Splats, ordered: Ordered, window: Window) -> Band:
+    def draw_window(self, spec: Spec, splats: Splats, ordered: Ordered, window: PixelWindow) -> TileBand:
         """Composites a window of the picture."""
         band = self.begin_band(spec, splats, window)
         if self._in_rounds(spec.plan):
@@ -156,7 +156,7 @@ class SheetTiles:
         """Whether splats are sorted and drawn in rounds of sheets; a card sorts all at once."""
         return self.device.card is None and plan.hiding.depth_batches > 1
 
-    def _draw_rounds(self, spec: Spec, splats: Splats, texels: Texels, band: Band) -> None:
+    def _draw_rounds(self, spec: Spec, splats: Splats, texels: SplatTexels, band: TileBand) -> None:
         """Composites a band's splats sheets by sheets, without clusters of which only closed tiles are left."""
         clusters, names = self.device.splats.of(splats).clusters()
         uniforms = spec.uniforms | {"sheets": sheet_span(splats, spec.plan)}
@@ -170,7 +170,9 @@ class SheetTiles:
             band.end = count if part.last else count + 1
             self.tiles.gather(spec, self, ordered, (0, count), band)
 
-    def draw_batches(self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions) -> None:
+    def draw_batches(
+        self, target: RenderTarget, whole: Splats, plan: Plan, batches: SplatBatches, portions: Portions
+    ) -> None:
         """Composites batches of splats whose sheets do not lie before the sheets of earlier batches.
 
         whole: describes all splats.
@@ -184,12 +186,12 @@ class SheetTiles:
         for part in bands_of(window, -(-rows // batches.bands) * ROWS * window.width):
             self._draw_band(spec, whole, batches, part)
 
-    def least_bands(self, window: Window) -> int:
+    def least_bands(self, window: PixelWindow) -> int:
         """Returns the number of bands into which batches of splats must be drawn: a dispatch takes MOST_TILES tiles."""
         across, down = -(-window.width // COLUMNS) + 1, -(-window.height // ROWS) + 1
         return 1 if self.device.card is None else -(-down // max(MOST_TILES // across, 1))
 
-    def _draw_band(self, spec: Spec, whole: Splats, batches: Batches, window: Window) -> None:
+    def _draw_band(self, spec: Spec, whole: Splats, batches: SplatBatches, window: PixelWindow) -> None:
         plan, band = spec.plan, self.begin_band(spec, whole, window)
         across = -(-window.width // COLUMNS)
 
@@ -209,7 +211,7 @@ class SheetTiles:
             self.tiles.gather(spec, self, texels, (0, count), band)
         self.flush(spec, band)
 
-    def show(self, target: Target, whole: Splats, plan: Plan) -> None:
+    def show(self, target: RenderTarget, whole: Splats, plan: Plan) -> None:
         """Classifies the values of a target that holds the joined parts of a picture."""
         spec, card = self.begin(target, whole, plan, Portions(self.device.ctx), None), self.device.card
         for window in bands_of(plan.window, MOST_PIXELS):
@@ -222,9 +224,9 @@ class SheetTiles:
             band.kept = np.ones(band.closed.size, bool)
             self.flush(spec, band)
 
-    def begin_band(self, spec: Spec, splats: Splats, window: Window) -> Band:
+    def begin_band(self, spec: Spec, splats: Splats, window: PixelWindow) -> TileBand:
         """Returns a new band, whose tiles beside the volume's box, and those that are not needed, are closed."""
-        band = Band.of(window, spec.stride)
+        band = TileBand.of(window, spec.stride)
         if splats.post is not None:
             table = self.device.tables.classification(splats)
             table.use(CLASS_UNIT)
@@ -237,7 +239,7 @@ class SheetTiles:
             band.closed |= ~spec.needed[row : row + down, column : column + across].ravel()
         return band
 
-    def flush(self, spec: Spec, band: Band) -> None:
+    def flush(self, spec: Spec, band: TileBand) -> None:
         """Composites the sheets that are still open, and the near sheets of tiles without splats."""
         card = self.device.card
         if card is not None:
@@ -258,7 +260,7 @@ class SheetTiles:
             # a band of batches may exceed the tiles of a dispatch
             self.tiles.add_up(spec, self, band, lists)
 
-    def add_up(self, spec: Spec, band: Band, placed: ProjectedSplats, lists: np.ndarray) -> None:
+    def add_up(self, spec: Spec, band: TileBand, placed: ProjectedSplats, lists: np.ndarray) -> None:
         """Adds up lists per sheet, and composites the sheets that are complete."""
         buffers = self.tiles.buffers
         if placed.list is not None:
@@ -289,7 +291,7 @@ class SheetTiles:
             lists[:, 1] = part[:, 2]
             lists = lists[~complete & open_ & (lists[:, 1] < lists[:, 2])]
 
-    def composite(self, spec: Spec, band: Band, card: CardLists, last: bool) -> None:
+    def composite(self, spec: Spec, band: TileBand, card: CardLists, last: bool) -> None:
         """Adds up the lists that are bound, and composites the sheets that are complete."""
         complete = band.last and last
         carried = band.begun or not complete
@@ -309,15 +311,15 @@ class SheetTiles:
         self.device.ctx.memory_barrier()
         band.begun = True
 
-    def _keep(self, band: Band) -> moderngl.Buffer:
+    def _keep(self, band: TileBand) -> moderngl.Buffer:
         """Returns storage for the open sheets of all tiles, none of which are stored yet."""
         band.kept = np.zeros(band.closed.size, bool)
         return self.tiles.buffers.bind(RINGS, band.kept.size * RING_BYTES)
 
 
-def in_pixels(window: Window, stride: int) -> Window:
+def in_pixels(window: PixelWindow, stride: int) -> PixelWindow:
     """Returns the pixels of the view of a window of samples."""
-    return Window(*(stride * side for side in window.box))
+    return PixelWindow(*(stride * side for side in window.box))
 
 
 # maximum splats of a run (llvmpipe ends a loop after 65535 iterations); minimum runs, for all cores and lanes
@@ -344,8 +346,8 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
         "first_sheet": float(sheets.range(splats, view)[0]),
         "shell": EVERYWHERE,
         "partial": False,
-        **NOTHING,
-        "edges": window_edges(view, Window(0, 0, *view.size)),
+        **NO_NEAR_SHEETS,
+        "edges": window_edges(view, PixelWindow(0, 0, *view.size)),
     }
     if post is not None:
         uniforms |= class_uniforms(post)
@@ -357,7 +359,7 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
     return uniforms | feature_uniforms(splats, plan)
 
 
-def window_edges(view: GridView, window: Window) -> tuple[float, ...]:
+def window_edges(view: GridView, window: PixelWindow) -> tuple[float, ...]:
     """Returns the left, upper, right and lower edge of a window of samples, as slopes or lengths in mean spacings."""
     x, y, width, height = window.box
     ends = np.array([[x, y], [x + width, y + height]]) - np.array(view.size) / 2
@@ -395,11 +397,11 @@ class SheetOrder:
         self,
         numbers: tuple[int, int],
         plan: Plan,
-        texels: Texels,
+        texels: SplatTexels,
         uniforms: Uniforms,
         portions: Portions,
         parts: np.ndarray | None = None,
-    ) -> tuple[Texels, int]:
+    ) -> tuple[SplatTexels, int]:
         """Returns the records with their order by first sheet, and the number of records that may be visible.
 
         numbers: of splats and of sheets. parts: parts of clusters to sort, see `Clusters.parts`; None: sorts all
@@ -431,7 +433,7 @@ class SheetOrder:
         order = self.order = order_texture(self.ctx, self.order, count)
         order.bind_to_image(IMAGE, read=False, write=True)
         self._run(plan, {**switches, "COUNTING": False}, values, runs, portions)
-        return Texels(texels.records, texels.rest, order), int(until[-1, -1])
+        return SplatTexels(texels.records, texels.rest, order), int(until[-1, -1])
 
     def _run(self, plan: Plan, switches: dict[str, bool], values: Uniforms, runs: int, portions: Portions) -> None:
         program, lanes = self.programs.for_tiles("sheet_sort.comp", plan.program, switches), self.programs.shape.lanes

@@ -15,7 +15,7 @@ import numpy as np
 from splatgl.errors import InputError, expected
 from splatgl.gl.buffers import free, texel_texture, uneven
 from splatgl.gl.context import is_software
-from splatgl.planning.culling import Window
+from splatgl.planning.culling import PixelWindow
 
 # target format → moderngl's dtype, numpy's dtype, and the stored value of 1.0
 FORMATS: dict[str, tuple[str, np.dtype, float]] = {
@@ -28,7 +28,7 @@ _software: WeakKeyDictionary[moderngl.Context, bool] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class RenderTarget:
     """Render target [H, W] of RGBA, row 0 on top; the texture may be larger by a row and a column."""
 
     size: tuple[int, int]
@@ -36,7 +36,7 @@ class Target:
     framebuffer: moderngl.Framebuffer
     format: str
 
-    def read(self, window: Window | None = None) -> np.ndarray:
+    def read(self, window: PixelWindow | None = None) -> np.ndarray:
         """Returns the pixels, float32 [H, W, 4]; rows outside the window are zero and are not read."""
         name, dtype, one = FORMATS[self.format]
         width, height = self.size
@@ -74,10 +74,10 @@ class Targets:
 
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx = ctx
-        self.kept: dict[str, Target] = {}
+        self.kept: dict[str, RenderTarget] = {}
         owned.callback(self.release)
 
-    def get(self, role: str, size: tuple[int, int], form: str) -> Target:
+    def get(self, role: str, size: tuple[int, int], form: str) -> RenderTarget:
         """Returns the role's target of `size` (width, height) in the texture format `form`; does not clear it."""
         target = self.kept.get(role)
         if target is None or target.size != size or target.format != form:
@@ -93,11 +93,11 @@ class Targets:
         while self.kept:
             self.kept.popitem()[1].release()
 
-    def _make(self, size: tuple[int, int], form: str) -> Target:
+    def _make(self, size: tuple[int, int], form: str) -> RenderTarget:
         check_size(self.ctx, size)
         try:
             texture = texel_texture(self.ctx, (uneven(size[0]), uneven(size[1])), 4, FORMATS[form][0])
-            target = Target(size, texture, self.ctx.framebuffer([texture]), form)
+            target = RenderTarget(size, texture, self.ctx.framebuffer([texture]), form)
             target.framebuffer.viewport = (0, 0, *size)
             return target
         except moderngl.Error as error:

@@ -32,7 +32,7 @@ FORMATS: dict[int, tuple[str, np.dtype, int]] = {
 HALF_LINE_SIZE = 256
 
 
-class Tables:
+class TableTextures:
     """Cache of table textures."""
 
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
@@ -116,13 +116,13 @@ SUMS_UNIT, MASSES_UNIT, VOXELS_UNIT = 28, 29, 30
 # minimum distance of two rays of the grid, in voxels (the field is linear between them); maximum rows of the grid
 LEAST_APART, MOST_ROWS = 1 / 128, 16_000
 # uniforms of a picture without near sheets
-NOTHING: dict[str, object] = {"near_base": -(2**30)}
+NO_NEAR_SHEETS: dict[str, object] = {"near_base": -(2**30)}
 
 
 class NearSheets:
     """Draws near sheets; reuses its textures between pictures."""
 
-    def __init__(self, ctx: moderngl.Context, programs: Programs, tables: Tables, owned: ExitStack) -> None:
+    def __init__(self, ctx: moderngl.Context, programs: Programs, tables: TableTextures, owned: ExitStack) -> None:
         self.ctx, self.programs, self.tables = ctx, programs, tables
         self.voxels: moderngl.Texture3D | None = None
         self.target: moderngl.Framebuffer | None = None
@@ -140,7 +140,7 @@ class NearSheets:
         first_sheet: number of the first sheet, from which the shaders count.
         """
         if near is None:
-            return NOTHING
+            return NO_NEAR_SHEETS
         sheets = plan.resolved.sheets
         assert sheets is not None
         step = grid_step(near, plan)

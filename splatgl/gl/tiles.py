@@ -21,7 +21,7 @@ from splatgl.gl.buffers import (
     Buffers,
     DrawOrder,
     Range,
-    Texels,
+    SplatTexels,
     chunks,
     clear_buffer,
     free,
@@ -31,12 +31,12 @@ from splatgl.gl.buffers import (
 from splatgl.gl.card_lists import MOST_BAND, MOST_SPLATS, CardLists
 from splatgl.gl.device import Device
 from splatgl.gl.features import Uniforms, feature_uniforms
-from splatgl.gl.meshes import LIMIT_UNITS, Limits
+from splatgl.gl.meshes import LIMIT_UNITS, DepthLimits
 from splatgl.gl.program import Programs, cover, set_uniforms
 from splatgl.gl.shader import ABREAST, LISTED, NOWHERE
-from splatgl.gl.target import Portions, Target
+from splatgl.gl.target import Portions, RenderTarget
 from splatgl.gl.textures import HALF_LINE_UNIT
-from splatgl.planning.culling import BLOCK, Frustum, Window, blocks_in_frustum
+from splatgl.planning.culling import BLOCK, Frustum, PixelWindow, blocks_in_frustum
 from splatgl.planning.plan import Plan, Program
 from splatgl.planning.technique import COLUMNS, MOST, MOST_PIXELS, ROWS, batch_starts
 from splatgl.splat.kernels import single_reach
@@ -59,7 +59,7 @@ PLACED = ("bounds", "heads", "shapes", "matters", "bends", "cubics", "mixeds")
 
 
 @dataclass(eq=False)
-class Band:
+class TileBand:
     """Band of rows of the picture. closed: mask of terminated tiles. begun: whether nearer splats are drawn already.
     stride: pixels of the view from one sample to the next; the window is in these samples.
 
@@ -67,7 +67,7 @@ class Band:
     which splats are listed; kept: of those whose open sheets are stored, None: there is no storage.
     """
 
-    window: Window
+    window: PixelWindow
     closed: np.ndarray
     drawn: np.ndarray
     begun: bool = False
@@ -77,7 +77,7 @@ class Band:
     kept: np.ndarray | None = None
 
     @classmethod
-    def of(cls, window: Window, stride: int = 1) -> Band:
+    def of(cls, window: PixelWindow, stride: int = 1) -> TileBand:
         """A new band, all of its tiles open."""
         across, down = tile_counts(window)
         return cls(window, np.zeros(across * down, bool), np.zeros(across * down, bool), stride=stride)
@@ -92,13 +92,13 @@ class Spec:
     are used again, those of a stride above 1 with their lists.
     """
 
-    target: Target
+    target: RenderTarget
     plan: Plan
     portions: Portions
     uniforms: Uniforms
     drawing: str
     switches: dict[str, bool]
-    limits: Limits | None = None
+    limits: DepthLimits | None = None
     keeping: Callable[[moderngl.ComputeShader], None] | None = None
     stride: int = 1
     needed: np.ndarray | None = None
@@ -106,7 +106,7 @@ class Spec:
     held: bool = False
 
     def compiled(
-        self, programs: Programs, band: Band, name: str, switches: Mapping[str, bool]
+        self, programs: Programs, band: TileBand, name: str, switches: Mapping[str, bool]
     ) -> moderngl.ComputeShader:
         """Returns a compute shader with the uniforms of a band."""
         is_drawing = name == self.drawing
@@ -130,7 +130,7 @@ class ProjectedSplats:
     textures: list[moderngl.Texture] = field(default_factory=list)
     framebuffer: moderngl.Framebuffer | None = None
     list: moderngl.Texture | None = None
-    held: tuple[Texels, Range] | None = None
+    held: tuple[SplatTexels, Range] | None = None
     lists: np.ndarray | None = None
     last: bool = False
 
@@ -147,10 +147,10 @@ class ProjectedSplats:
 class Adder(Protocol):
     """Adds up the listed splats of tiles in a target."""
 
-    def add_up(self, spec: Spec, band: Band, placed: ProjectedSplats, lists: np.ndarray) -> None:
+    def add_up(self, spec: Spec, band: TileBand, placed: ProjectedSplats, lists: np.ndarray) -> None:
         """Adds up lists, as `Lister.count` returns them."""
 
-    def composite(self, spec: Spec, band: Band, card: CardLists, last: bool) -> None:
+    def composite(self, spec: Spec, band: TileBand, card: CardLists, last: bool) -> None:
         """Adds up the lists that a card has bound. last: of the splats that are projected."""
 
 
@@ -161,7 +161,7 @@ class Projector:
         self.ctx, self.programs, self.buffers = device.ctx, device.programs, buffers
 
     def project(
-        self, spec: Spec, into: ProjectedSplats, texels: Texels, which: Range, shown: np.ndarray | None = None
+        self, spec: Spec, into: ProjectedSplats, texels: SplatTexels, which: Range, shown: np.ndarray | None = None
     ) -> int:
         """Projects splats `which` of their order, unless they are held; binds them and returns their number. shown:
         mask of the order's blocks that may be visible; None: all.
@@ -221,7 +221,7 @@ class Lister:
     def __init__(self, device: Device, buffers: Buffers) -> None:
         self.ctx, self.programs, self.buffers = device.ctx, device.programs, buffers
 
-    def count(self, spec: Spec, band: Band, placed: ProjectedSplats, count: int) -> np.ndarray | None:
+    def count(self, spec: Spec, band: TileBand, placed: ProjectedSplats, count: int) -> np.ndarray | None:
         """Returns (tile, begin, end, 0) of each non-empty list, uint32 [lists, 4]; None beyond MOST_LISTED entries.
 
         Sets the cursors to the start of each run's part of each list.
@@ -253,7 +253,7 @@ class Lister:
         ends = begins[nonempty] + lengths[nonempty]
         return np.stack([nonempty, begins[nonempty], ends, np.zeros_like(ends)], axis=1).astype(np.uint32)
 
-    def list(self, spec: Spec, band: Band, placed: ProjectedSplats, count: int, total: int) -> None:
+    def list(self, spec: Spec, band: TileBand, placed: ProjectedSplats, count: int, total: int) -> None:
         """Lists the splats that were counted, of `total` entries."""
         # plus an entry that is never read
         height = (total + 4) // (LISTED * 4) + 1
@@ -267,7 +267,13 @@ class Lister:
         texture.write(listed, viewport=(0, 0, LISTED, height))
 
     def _run(
-        self, spec: Spec, band: Band, placed: ProjectedSplats, count: int, switches: dict[str, bool], unread: int = 0
+        self,
+        spec: Spec,
+        band: TileBand,
+        placed: ProjectedSplats,
+        count: int,
+        switches: dict[str, bool],
+        unread: int = 0,
     ) -> None:
         """Lists all splats, with at most ROUNDS iterations per dispatch. unread: a list entry that is never read."""
         program = spec.compiled(self.programs, band, "tile_list.comp", switches)
@@ -300,7 +306,7 @@ class Tiles:
         self.projector, self.lister = Projector(device, self.buffers), Lister(device, self.buffers)
         # splats that are drawn; those of bands that are held, with their lists; those to use next, the last first
         self.placed = ProjectedSplats()
-        self.parts, self.spare = list[tuple[Window, ProjectedSplats]](), list[ProjectedSplats]()
+        self.parts, self.spare = list[tuple[PixelWindow, ProjectedSplats]](), list[ProjectedSplats]()
 
     def release(self) -> None:
         """Frees all buffers and textures; they are recreated on demand."""
@@ -313,7 +319,13 @@ class Tiles:
         self.placed, self.parts = self.spare.pop(), []
 
     def gather(
-        self, spec: Spec, adder: Adder, texels: Texels, which: Range, band: Band, shown: np.ndarray | None = None
+        self,
+        spec: Spec,
+        adder: Adder,
+        texels: SplatTexels,
+        which: Range,
+        band: TileBand,
+        shown: np.ndarray | None = None,
     ) -> None:
         """Composites splats `which` of the drawing order, nearest first, behind the splats already in the band.
 
@@ -328,7 +340,7 @@ class Tiles:
             self._draw(spec, adder, texels, (first, min(first + most, end)), band, shown)
 
     def add_up(
-        self, spec: Spec, adder: Adder, band: Band, lists: np.ndarray, placed: ProjectedSplats | None = None
+        self, spec: Spec, adder: Adder, band: TileBand, lists: np.ndarray, placed: ProjectedSplats | None = None
     ) -> None:
         """Adds up lists in portions. placed: their splats; None: those that are projected."""
         # an empty list costs as much as makes MOST_TILES of them a dispatch
@@ -336,7 +348,7 @@ class Tiles:
         for begin, end in spec.portions.parts("lists", costs, ENTRIES):
             adder.add_up(spec, band, placed or self.placed, lists[begin:end])
 
-    def bind_images(self, target: Target, placed: ProjectedSplats | None = None) -> None:
+    def bind_images(self, target: RenderTarget, placed: ProjectedSplats | None = None) -> None:
         """Binds the target as the image that tiles read and write, and what they only read as others."""
         target.texture.bind_to_image(IMAGE, read=True, write=True)
         if self.card is None:
@@ -344,7 +356,7 @@ class Tiles:
                 texture.bind_to_image(unit, read=True, write=False)
 
     def _draw(
-        self, spec: Spec, adder: Adder, texels: Texels, which: Range, band: Band, shown: np.ndarray | None
+        self, spec: Spec, adder: Adder, texels: SplatTexels, which: Range, band: TileBand, shown: np.ndarray | None
     ) -> None:
         band.last = which[1] == band.end
         count = self.projector.project(spec, self.placed, texels, which, shown)
@@ -360,7 +372,7 @@ class Tiles:
             self.lister.list(spec, band, self.placed, count, int(lists[-1, 2]))
             self._add_up_listed(spec, adder, band, lists)
 
-    def _add_up_listed(self, spec: Spec, adder: Adder, band: Band, lists: np.ndarray) -> None:
+    def _add_up_listed(self, spec: Spec, adder: Adder, band: TileBand, lists: np.ndarray) -> None:
         is_kept = spec.held and spec.stride > 1
         if is_kept:
             self.placed.lists, self.placed.last = lists, band.last
@@ -372,7 +384,7 @@ class Tiles:
             self.parts.append((band.window, self.placed))
             self.placed = self.spare.pop() if self.spare else ProjectedSplats()
 
-    def _draw_on_card(self, spec: Spec, adder: Adder, card: CardLists, band: Band, part: Range) -> None:
+    def _draw_on_card(self, spec: Spec, adder: Adder, card: CardLists, band: TileBand, part: Range) -> None:
         """Composites projected splats; only the device knows the lists. part: the first, and their number."""
         program = partial(spec.compiled, self.programs, band)
         spec.portions.ask()
@@ -397,12 +409,12 @@ class SplatTiles:
 
     def draw(
         self,
-        target: Target,
+        target: RenderTarget,
         splats: Splats,
         plan: Plan,
         order: DrawOrder,
         portions: Portions,
-        limits: Limits | None = None,
+        limits: DepthLimits | None = None,
         keeping: Callable[[moderngl.ComputeShader], None] | None = None,
     ) -> None:
         """Composites the splats into `target`, nearest first, in chunks; raises Interrupted if cancelled. limits,
@@ -415,7 +427,7 @@ class SplatTiles:
         batches = pairwise(batch_starts(len(splats), plan.hiding.depth_batches))
         parts = [chunk for batch in batches for chunk in chunks(batch)]
         widest = MOST_PIXELS if card is None else MOST_BAND
-        bands = [Band.of(window) for window in bands_of(plan.window, widest)]
+        bands = [TileBand.of(window) for window in bands_of(plan.window, widest)]
         steps = [(part, band) for part in parts for band in bands]
         if card is not None:
             # it has the states of one band's tiles
@@ -434,11 +446,11 @@ class SplatTiles:
 
     def _spec(
         self,
-        target: Target,
+        target: RenderTarget,
         splats: Splats,
         plan: Plan,
         portions: Portions,
-        limits: Limits | None,
+        limits: DepthLimits | None,
         keeping: Callable[[moderngl.ComputeShader], None] | None,
     ) -> Spec:
         uniforms = feature_uniforms(splats, plan)
@@ -450,7 +462,7 @@ class SplatTiles:
         exact = any(switches.values())
         return Spec(target, plan, portions, uniforms, "box_draw.comp", switches, limits, keeping, exact=exact)
 
-    def add_up(self, spec: Spec, band: Band, placed: ProjectedSplats, lists: np.ndarray) -> None:
+    def add_up(self, spec: Spec, band: TileBand, placed: ProjectedSplats, lists: np.ndarray) -> None:
         """Adds up lists."""
         carried, buffers, plan = band.begun, self.tiles.buffers, spec.plan
         if placed.list is not None:
@@ -468,11 +480,11 @@ class SplatTiles:
             self.device.ctx.memory_barrier()
             lists[:, 1] = part[:, 2]
             lists, carried = lists[lists[:, 1] < lists[:, 2]], True
-        if plan.program.look.hides:
+        if plan.program.appearance.hides:
             open_ = np.frombuffer(flags.read(band.closed.size * 4), np.uint32)[part[:, 0]]
             band.closed[part[open_ == 0, 0]] = True
 
-    def composite(self, spec: Spec, band: Band, card: CardLists, last: bool) -> None:
+    def composite(self, spec: Spec, band: TileBand, card: CardLists, last: bool) -> None:
         """Composites the lists that are bound."""
         program = spec.compiled(self.device.programs, band, spec.drawing, {"CARRIED": band.begun})
         set_uniforms(program, half_table=HALF_LINE_UNIT, opaque=1.0 - spec.plan.hiding.cutoff)
@@ -482,7 +494,7 @@ class SplatTiles:
         band.begun = True
 
 
-def unlisted_tiles(spec: Spec, band: Band) -> np.ndarray:
+def unlisted_tiles(spec: Spec, band: TileBand) -> np.ndarray:
     """Returns the mask of the band's tiles that need no lists."""
     if not spec.held or band.stride == 1:
         return band.closed
@@ -494,15 +506,15 @@ def unlisted_tiles(spec: Spec, band: Band) -> np.ndarray:
     return np.asarray(~open_[1:-1, 1:-1].ravel())
 
 
-def bands_of(window: Window, most: int = MOST_PIXELS) -> list[Window]:
+def bands_of(window: PixelWindow, most: int = MOST_PIXELS) -> list[PixelWindow]:
     """Splits a window into bands of at most `most` pixels; a pixel is in the same tile for any window."""
     left, top = window.x // COLUMNS * COLUMNS, window.y // ROWS * ROWS
     width, last = window.x + window.width - left, window.y + window.height
     height = max(most // max(width, 1) // ROWS, 1) * ROWS
-    return [Window(left, first, width, min(height, last - first)) for first in range(top, last, height)]
+    return [PixelWindow(left, first, width, min(height, last - first)) for first in range(top, last, height)]
 
 
-def tile_counts(window: Window) -> tuple[int, int]:
+def tile_counts(window: PixelWindow) -> tuple[int, int]:
     """Returns the numbers of tiles along x and y."""
     return -(-window.width // COLUMNS), -(-window.height // ROWS)
 
@@ -511,4 +523,4 @@ def _textures(program: Program) -> int:
     """Returns the number of textures of placed splats; see BENT in tiles.glsl."""
     if program.bent:
         return 5 if program.seen.cubic else 7
-    return 4 if program.look.sheets and not program.packed else 3
+    return 4 if program.appearance.sheets and not program.packed else 3

@@ -22,7 +22,7 @@ import numpy as np
 
 from splatgl.geometry.clipping import Clip, Plane
 from splatgl.geometry.grid import Grid, corners_of, trilinear
-from splatgl.splat.splats import Same, Splats, in_parts
+from splatgl.splat.splats import IdentityKey, Splats, in_parts
 from splatgl.transfer.preintegration import CELLS
 from splatgl.transfer.regions import crossed_depth
 
@@ -38,14 +38,14 @@ Caster = tuple[Splats, tuple[Plane, ...]]
 
 
 @dataclass(frozen=True, eq=False)
-class Coarse:
+class CoarseGrid:
     """Grid of cells. extinction float32 [Z, Y, X]: per world length. cells: world positions of the cells' centres."""
 
     extinction: np.ndarray
     cells: Grid
 
     @classmethod
-    def of(cls, casters: Sequence[Caster]) -> Coarse:
+    def of(cls, casters: Sequence[Caster]) -> CoarseGrid:
         """Returns the cells around all splats."""
         first = casters[0][0].grid
         corners = np.concatenate([_box(splats, first) for splats, _ in casters])
@@ -164,17 +164,17 @@ FAR = 1e9
 # [McLaren 1963]
 ICOSAHEDRON, DODECAHEDRON = 5 / 168, 9 / 280
 # cache: the latest grids of each scene's first splats
-_latest: WeakKeyDictionary[Splats, list[Fields]] = WeakKeyDictionary()
+_latest: WeakKeyDictionary[Splats, list[LightFields]] = WeakKeyDictionary()
 MOST_LATEST = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Fields:
+class LightFields:
     """Light in the cells, None where a picture needs none. sky float32 [Z, Y, X, 4]: m₁ (x, y, z) in world axes, and
     m₀; shade [Z, Y, X]: transmittance towards the light. key: of the cache. seconds: time to compute them.
     """
 
-    coarse: Coarse
+    coarse: CoarseGrid
     sky: np.ndarray | None
     shade: np.ndarray | None
     key: tuple[object, ...]
@@ -203,11 +203,11 @@ class LightVolume:
     @property
     def _key(self) -> tuple[object, ...]:
         direction = None if self.light is None else tuple(np.round(self.light, 9).tolist())
-        casters = tuple((Same(s.records), s.post and Same(s.post), planes) for s, planes in self.casters)
+        casters = tuple((IdentityKey(s.records), s.post and IdentityKey(s.post), planes) for s, planes in self.casters)
         return casters, self.occlusion > 0, direction
 
     @cached_property
-    def fields(self) -> Fields:
+    def fields(self) -> LightFields:
         """The light in the cells, computed once for the same splats and light."""
         key, first = self._key, self.casters[0][0]
         cached = _latest.setdefault(first, [])
@@ -217,14 +217,14 @@ class LightVolume:
         # reuse the grids of the same splats in another light
         started = time.perf_counter()
         near = next((fields for fields in cached if fields.key[0] == key[0]), None)
-        coarse = near.coarse if near else Coarse.of(self.casters)
+        coarse = near.coarse if near else CoarseGrid.of(self.casters)
         sky = shade = None
         if self.occlusion > 0:
             sky = near.sky if near and near.sky is not None else compute_sky(coarse)
         if self.light is not None:
             side = coarse.cells.mean_spacing
-            shade = Sweep.of(coarse, self.light).transmittance(LIGHT_BEGINS * side, FAR * side)
-        fields = Fields(coarse, sky, shade, key, time.perf_counter() - started)
+            shade = RaySums.of(coarse, self.light).transmittance(LIGHT_BEGINS * side, FAR * side)
+        fields = LightFields(coarse, sky, shade, key, time.perf_counter() - started)
         _latest[first] = [fields, *cached][:MOST_LATEST]
         return fields
 
@@ -280,12 +280,12 @@ def sky_directions() -> tuple[np.ndarray, np.ndarray]:
     return directions / np.linalg.norm(directions, axis=1, keepdims=True), weights
 
 
-def compute_sky(coarse: Coarse) -> np.ndarray:
-    """Computes `Fields.sky`: one sweep for each direction and its opposite."""
+def compute_sky(coarse: CoarseGrid) -> np.ndarray:
+    """Computes `LightFields.sky`: one sweep for each direction and its opposite."""
     side = coarse.cells.mean_spacing
     sky = np.zeros((*coarse.extinction.shape, 4), np.float32)
     for direction, weight in zip(*sky_directions(), strict=True):
-        sweep = Sweep.of(coarse, direction)
+        sweep = RaySums.of(coarse, direction)
         along, against = (sweep.transmittance(SKY_BEGINS * side, REACH * side, backward) for backward in (False, True))
         sky[..., 3] += np.float32(weight) * (along + against)
         apart = np.float32(weight) * (along - against)
@@ -295,7 +295,7 @@ def compute_sky(coarse: Coarse) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
+class RaySums:
     """Running sums along rays of one world direction, slice by slice along the axis closest to it.
 
     axis: of arrays [Z, Y, X]. slopes: cells along the other two axes, per slice. step: world length from slice to
@@ -311,7 +311,7 @@ class Sweep:
     depth: np.ndarray
 
     @classmethod
-    def of(cls, coarse: Coarse, direction: np.ndarray) -> Sweep:
+    def of(cls, coarse: CoarseGrid, direction: np.ndarray) -> RaySums:
         """Returns the sums along a unit vector; they serve the opposite direction, too."""
         along = np.linalg.solve(coarse.cells.world_from_index, direction)[::-1]
         axis = int(np.abs(along).argmax())

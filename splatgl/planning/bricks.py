@@ -304,7 +304,7 @@ ERRORS, MISSED = 2.0, 3.0
 
 
 @dataclass(frozen=True)
-class Need:
+class MemoryEstimate:
     """Estimated memory of a picture. splats: estimated number; most: its upper limit, by the standard error.
 
     bytes: peak to extract and draw `most` splats at once. waiting: bytes of splats in bricks that wait to be drawn.
@@ -341,14 +341,14 @@ class Need:
         return self.waiting + SAMPLE * self.samples
 
 
-def needed_together(needs: Sequence[Need]) -> Need:
+def needed_together(needs: Sequence[MemoryEstimate]) -> MemoryEstimate:
     """The memory of a picture of several channels, which share its samples and all that one volume needs beside."""
     shared = (len(needs) - 1) * (PROCESS + SAMPLE * needs[0].samples)
     totals = {name: sum(getattr(need, name) for need in needs) for name in ("splats", "most", "waiting")}
-    return Need(bytes=sum(need.bytes for need in needs) - shared, samples=needs[0].samples, **totals)
+    return MemoryEstimate(bytes=sum(need.bytes for need in needs) - shared, samples=needs[0].samples, **totals)
 
 
-def estimate_need(bricks: Bricks, pixels: int, enough: int) -> Need:
+def estimate_need(bricks: Bricks, pixels: int, enough: int) -> MemoryEstimate:
     """Estimates the memory of a picture. Reads nothing if all voxels fit into `enough` bytes and into the GPU.
 
     pixels: number of the picture's samples.
@@ -360,7 +360,7 @@ def estimate_need(bricks: Bricks, pixels: int, enough: int) -> Need:
     size = np.array(volume.shape[::-1])
     # a layer across the volume, as thick as a brick's diagonal, of which half is drawn on average
     layer = int(np.sort(size)[1:].prod() * min(SIDE, int(size.min())))
-    all_splats = Need(volume.count, volume.count, other + EACH * volume.count, WAITING * layer, pixels)
+    all_splats = MemoryEstimate(volume.count, volume.count, other + EACH * volume.count, WAITING * layer, pixels)
     if all_splats.bytes <= enough and volume.count <= MOST_KEPT:
         return all_splats
     # boxes that hold more voxels than the volume give way to it
@@ -375,7 +375,7 @@ def estimate_need(bricks: Bricks, pixels: int, enough: int) -> Need:
     # if no box holds a splat, as many as all boxes miss with a probability of 1/20
     most = min(max(share + ERRORS * float(shares.std()) / np.sqrt(count), MISSED / float(voxels.sum())), 1.0)
     splats, many = (int(np.ceil(part * volume.count)) for part in (share, most))
-    return Need(splats, many, other + EACH * many, int(WAITING * share * layer), pixels)
+    return MemoryEstimate(splats, many, other + EACH * many, int(WAITING * share * layer), pixels)
 
 
 def spread_places(most: np.ndarray, count: int) -> np.ndarray:
@@ -402,7 +402,7 @@ def required_bricks(volume: Volume, transfer: Transfer, settings: Settings) -> B
     return bricks
 
 
-def excess_need(bricks: Bricks, size: tuple[int, int], memory: int) -> Need | None:
+def excess_need(bricks: Bricks, size: tuple[int, int], memory: int) -> MemoryEstimate | None:
     """Memory needed by a picture of `size` (width, height); None if all splats fit into `memory` bytes and the GPU."""
     # samples are at most 2 × 2 where voxels are not narrower than pixels
     wanted = estimate_need(bricks, 4 * size[0] * size[1], memory)
@@ -411,7 +411,7 @@ def excess_need(bricks: Bricks, size: tuple[int, int], memory: int) -> Need | No
 
 def excess_bricks(
     volume: Volume, transfer: Transfer, settings: Settings, size: tuple[int, int], threshold: float = 0.0
-) -> tuple[Bricks, Need] | None:
+) -> tuple[Bricks, MemoryEstimate] | None:
     """The volume in bricks, and the memory of its picture of `size`; None if it fits into the budget and the GPU, and
     for voxels classified before reconstruction, or above a threshold.
     """

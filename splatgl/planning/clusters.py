@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from splatgl.geometry.view import GridView
-from splatgl.planning.culling import BOUNDS_MARGIN, HAS_PLACE, STRETCHED, Window
+from splatgl.planning.culling import BOUNDS_MARGIN, HAS_PLACE, STRETCHED, PixelWindow
 from splatgl.planning.plan import Plan
 from splatgl.planning.technique import COLUMNS, ROWS
 from splatgl.splat.sheets import Sheets, index_direction
@@ -30,7 +30,7 @@ SLACK = 1
 SHARE, LEAST, HIDDEN = 0.12, 1 << 16, 0.2
 
 
-class Part(NamedTuple):
+class RoundSplats(NamedTuple):
     """Splats of a round. clusters int64 [n]: their numbers. sheets: first sheet and end, counted from the first of all.
     last: whether no more rounds follow.
     """
@@ -105,7 +105,7 @@ class Clusters:
             near, far = middle - half, middle + half
         return sheets.base(near / sheets.thickness) - SLACK, sheets.base(far / sheets.thickness) + SLACK
 
-    def tiles(self, view: GridView, window: Window, stride: int = 1) -> np.ndarray:
+    def tiles(self, view: GridView, window: PixelWindow, stride: int = 1) -> np.ndarray:
         """int64 [4, C]: first column and row of tiles of a window, and end column and row, that splats of a cluster may
         touch; the end is not after the first if there are none.
         """
@@ -133,8 +133,8 @@ class Clusters:
         return np.concatenate([np.clip(first, 0, many), np.clip(end, 0, many)]).astype(np.int64)
 
     def rounds(
-        self, splats: Splats, plan: Plan, window: Window, closed: Callable[[], np.ndarray], stride: int = 1
-    ) -> Iterator[Part]:
+        self, splats: Splats, plan: Plan, window: PixelWindow, closed: Callable[[], np.ndarray], stride: int = 1
+    ) -> Iterator[RoundSplats]:
         """Yields the rounds of a window, nearest first. closed: returns the mask of tiles that need no splats, which
         rounds change. stride: pixels of the view from one of the window's samples to the next.
         """
@@ -160,7 +160,7 @@ class Clusters:
             until = most
             if before[-1] > 2 * target:
                 until = max(int(np.searchsorted(before, target)) + 1, begin + 1)
-            yield Part(shown[first[shown] < until], (begin, until), until == most)
+            yield RoundSplats(shown[first[shown] < until], (begin, until), until == most)
             begin, expected = until, before[-1] - before[until - 1]
 
 

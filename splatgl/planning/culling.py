@@ -24,7 +24,7 @@ from splatgl.geometry.clipping import LatestParts
 from splatgl.geometry.grid import Grid, dilate, ranges
 from splatgl.geometry.view import GridView, centres_between, tangents
 from splatgl.planning.resolve import Resolved
-from splatgl.splat.extract import Lookup
+from splatgl.splat.extract import ExtinctionTable
 from splatgl.splat.hidden_interior import least_around
 from splatgl.splat.kernels import kernel
 from splatgl.splat.motion import Exposure
@@ -34,14 +34,14 @@ from splatgl.transfer.transfer import Transfer
 
 
 @dataclass(frozen=True)
-class Order:
+class OrderKey:
     """Key of the drawing order: the eye's cell (x, y, z), and the axis (0 is x) perpendicular to the planes."""
 
     cell: tuple[int, int, int]
     axis: int
 
 
-def order_for(splats: Splats, camera: Camera) -> Order:
+def order_for(splats: Splats, camera: Camera) -> OrderKey:
     """The order for a view; it changes only with the eye's cell or main axis.
 
     The cell is at most one beyond the splats; an orthographic eye is infinitely far back along the view.
@@ -57,10 +57,10 @@ def order_for(splats: Splats, camera: Camera) -> Order:
     # the planes whose normal is nearest to the view direction; z on a tie
     across = np.abs(view) / np.linalg.norm(index_from_world, axis=1)
     axis = 2 - int(np.argmax(across[::-1]))
-    return Order((x, y, z), axis)
+    return OrderKey((x, y, z), axis)
 
 
-def back_to_front(splats: Splats, order: Order) -> np.ndarray:
+def back_to_front(splats: Splats, order: OrderKey) -> np.ndarray:
     """Record indices [N] in drawing order; reversed it is front to back."""
     lattice = splats.lattice(order.axis)
     outer, middle, inner = (order.cell[axis] for axis in lattice.axes)
@@ -100,7 +100,7 @@ MOST_ALONE = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Opaque:
+class OpaqueBounds:
     """Opaque part of a volume, as a subject of views; reads the volume on first use. Serves splats of values too, whose
     transparent voxels would widen the view. is_robust: whether opaque samples count that have at least MOST_ALONE
     others around them, if there are any.
@@ -116,7 +116,7 @@ class Opaque:
         return self.volume
 
     @property
-    def robust(self) -> Opaque:
+    def robust(self) -> OpaqueBounds:
         """The same without samples that are alone."""
         return replace(self, is_robust=True)
 
@@ -147,7 +147,7 @@ class Opaque:
         if volume.count > (MOST_OF_LEVELS if volume.coarser else MOST_EXAMINED):
             return None
         record = record_type(volume.shape, post=False)
-        keeps = Lookup.of(self.transfer, volume.samples.dtype, 0.0, record).keeps
+        keeps = ExtinctionTable.of(self.transfer, volume.samples.dtype, 0.0, record).keeps
         if volume.samples.dtype.kind == "f":
             keeps = partial(_is_within, opaque_intervals(self.transfer))
         _, height, width = volume.shape
@@ -316,7 +316,9 @@ def blocks_in_frustum(around: np.ndarray, frustum: Frustum) -> np.ndarray:
 OUTLINE_MARGIN = 1.0
 
 
-def tiles_beside_box(view: GridView, shape: tuple[int, int, int], window: Window, side: tuple[int, int]) -> np.ndarray:
+def tiles_beside_box(
+    view: GridView, shape: tuple[int, int, int], window: PixelWindow, side: tuple[int, int]
+) -> np.ndarray:
     """bool [tiles]: whether a tile lies outside the silhouette of the box of `shape` voxels (x, y, z).
 
     Tiles of `side` pixels (x, y) cover the window row by row. All False unless the whole box is in front of the eye.
@@ -386,7 +388,7 @@ PIXEL_MARGIN = 2.0**-5
 
 
 @dataclass(frozen=True)
-class Window:
+class PixelWindow:
     """Rectangle of pixels; (x, y) is its first pixel."""
 
     x: int
@@ -409,7 +411,7 @@ class Window:
 class ScreenBounds:
     """Screen extent of splats. window: all pixels that they reach. mean_depth: of their box, in mean spacings."""
 
-    window: Window
+    window: PixelWindow
     mean_depth: float
 
 
@@ -425,7 +427,7 @@ def screen_bounds(box: np.ndarray, view: GridView) -> ScreenBounds:
     deep, nearest = float(np.linalg.norm(steps[2])), float(corners[2].min())
     middle = max(float(corners[2].mean()), deep, 1e-9)
     if nearest <= CLEARANCE * deep:
-        return ScreenBounds(Window(0, 0, *size), middle)
+        return ScreenBounds(PixelWindow(0, 0, *size), middle)
     # the largest are centred beyond the edge and still reach into the picture
     across = steps[:2]
     furthest = np.array([_furthest(nearest, edge, s, steps[2]) for edge, s in zip(view.edge, across, strict=True)])
@@ -451,13 +453,13 @@ def _furthest(z: float, edge: float, step: np.ndarray, deep: np.ndarray) -> floa
     return edge + beyond * (1 + 1e-3)
 
 
-def _window(places: np.ndarray, half: float, size: tuple[int, int]) -> Window:
+def _window(places: np.ndarray, half: float, size: tuple[int, int]) -> PixelWindow:
     """Pixels within `half` of positions [N, 2]; both in pixels, from the picture's centre."""
     middle = np.array(size) / 2
     low = np.clip(np.floor(places.min(axis=0) + middle - half) - BOUNDS_MARGIN, 0, size)
     high = np.clip(np.ceil(places.max(axis=0) + middle + half) + BOUNDS_MARGIN, 0, size)
     (x, y), (right, bottom) = low.astype(int), high.astype(int)
-    return Window(int(x), int(y), int(right - x), int(bottom - y))
+    return PixelWindow(int(x), int(y), int(right - x), int(bottom - y))
 
 
 # a splat is hidden behind at most LAYERS layers of cells on every side of total optical depth HIDING: e^−6.2 = 0.002 of
@@ -493,7 +495,7 @@ def visible_boxes(splats: Splats, resolved: Resolved) -> Splats:
     """Removes boxes of labels that others hide from every side, if the eye is outside and nothing is clipped; returns
     all splats otherwise. Caches the latest result.
     """
-    blended = not resolved.boxes or not resolved.look.hides or resolved.clip is not None
+    blended = not resolved.boxes or not resolved.appearance.hides or resolved.clip is not None
     if blended or len(splats) < FEW:
         return splats
     camera = resolved.camera

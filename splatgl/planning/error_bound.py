@@ -34,8 +34,8 @@ import numpy as np
 from splatgl.data.color import STEEPEST
 from splatgl.geometry.view import GridView
 from splatgl.planning.culling import clip_behind_eye
-from splatgl.planning.plan import Lookup
-from splatgl.planning.ray_overlap import FEW, ROUNDED, Groups, RayOverlap, cells_of, overlap_by_places, ray_overlap
+from splatgl.planning.plan import FootprintTable
+from splatgl.planning.ray_overlap import FEW, ROUNDED, RayOverlap, SplatGroups, cells_of, overlap_by_places, ray_overlap
 from splatgl.splat.hidden_interior import LIGHT
 from splatgl.splat.kernels import (
     Kernel,
@@ -78,7 +78,7 @@ class PlacementError:
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
+class CentreRange:
     """Where the centres of splats are, eye axes and mean spacings; each number or [N].
 
     near, far: their depths; away: the largest distance from the eye; slope: of the steepest ray of the picture to them.
@@ -90,7 +90,7 @@ class Region:
     slope: np.ndarray
 
 
-def accumulated_error(lookup: Lookup, placement: PlacementError, weight: float, overlap: float) -> float:
+def accumulated_error(lookup: FootprintTable, placement: PlacementError, weight: float, overlap: float) -> float:
     """The largest accumulated error along a ray: min over σ of (weight · ρ(σ) + overlap · F(0) · σ)/(1 − ρ)²."""
     missed = _deviation(lookup, placement)
     value, peak = _profile(lookup.kernel)
@@ -114,7 +114,7 @@ def _distances(shape: Kernel) -> np.ndarray:
     return shape.radius * (1 - np.linspace(1, 0, SAMPLES) ** 3)
 
 
-def _deviation(lookup: Lookup, placement: PlacementError) -> np.ndarray:
+def _deviation(lookup: FootprintTable, placement: PlacementError) -> np.ndarray:
     """|drawn − right| / F(0) at _distances."""
     place, gain = _quantize(np.array([placement.place, placement.gain]))
     return _deviation_at(lookup, place, gain) + placement.level
@@ -126,7 +126,7 @@ def _quantize(numbers: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=1024)
-def _deviation_at(lookup: Lookup, place: float, gain: float) -> np.ndarray:
+def _deviation_at(lookup: FootprintTable, place: float, gain: float) -> np.ndarray:
     shape = kernel(lookup.kernel)
     d = _distances(shape)
     value, peak = _profile(lookup.kernel)
@@ -136,7 +136,7 @@ def _deviation_at(lookup: Lookup, place: float, gain: float) -> np.ndarray:
     return np.asarray(moved + _table_error(lookup, shape, d, value) + (gain + ULP) * np.abs(value))
 
 
-def _table_error(lookup: Lookup, shape: Kernel, d: np.ndarray, value: np.ndarray) -> np.ndarray:
+def _table_error(lookup: FootprintTable, shape: Kernel, d: np.ndarray, value: np.ndarray) -> np.ndarray:
     if lookup.kind == "polynomial":
         fitted = polynomials(lookup.kernel)
         assert fitted is not None
@@ -196,7 +196,7 @@ DWELT = (1.7, 2.0)
 
 
 @dataclass(frozen=True)
-class Bound:
+class ErrorBound:
     """Parts of the bound, linear light; `total`: the largest error of a pixel, at most `largest`.
 
     footprint: form, table and float32 positions; hidden: early termination; rounding: of the target, per blend.
@@ -219,21 +219,21 @@ class Bound:
         )
 
 
-def bound(splats: Splats, plan: Plan, pixels: np.ndarray) -> Bound | None:
+def bound(splats: Splats, plan: Plan, pixels: np.ndarray) -> ErrorBound | None:
     """Error bound of a picture. pixels [H, W, 4]: as drawn; the errors of an X-ray are relative to the largest.
 
     None for streaks near the eye, on quads of rows 4 and 5 and of long voxels beyond z_k, which deviate from their
     model; for values classified
     after reconstruction; and for boxes, since a ray along a face may meet either of two.
     """
-    if plan.program.look.steps > 0 or plan.program.boxes:
+    if plan.program.appearance.steps > 0 or plan.program.boxes:
         return None
     if plan.exposure is None:
         splats = clip_behind_eye(splats, plan.resolved.camera)
     if not len(splats):
         lost = _resolve_error(plan, 0.0)
-        return Bound(0.0, 0.0, lost, lost)
-    look, most = plan.program.look, max(splats.brightest, 1.0)
+        return ErrorBound(0.0, 0.0, lost, lost)
+    appearance, most = plan.program.appearance, max(splats.brightest, 1.0)
     if plan.exposure is None:
         placement, met = _placement_error(splats, plan.view, plan), ray_overlap(splats, plan.view)
     else:
@@ -244,17 +244,17 @@ def bound(splats: Splats, plan: Plan, pixels: np.ndarray) -> Bound | None:
     brightest_pixel = _largest_pixel(splats, plan, met) * most
     # 8 bits clamp values over 1
     cut = plan.target == "rgba8" and brightest_pixel > 1.0
-    opacity = _largest_alpha(plan, pixels, met) if look.hides else 1.0
-    brightest = brightest_pixel if cut or not look.is_sum else float(pixels.max())
-    scale = {"over": most * opacity, "sum": brightest, "max": brightest_pixel}[look.join]
-    footprint = _footprint_error(splats, plan, placement, met, opacity if look.hides else brightest / most) * most
+    opacity = _largest_alpha(plan, pixels, met) if appearance.hides else 1.0
+    brightest = brightest_pixel if cut or not appearance.is_sum else float(pixels.max())
+    scale = {"over": most * opacity, "sum": brightest, "max": brightest_pixel}[appearance.join]
+    footprint = _footprint_error(splats, plan, placement, met, opacity if appearance.hides else brightest / most) * most
     footprint += _displacement_error(splats, plan, opacity) * most
     rounding, lost = _rounding_error(plan, scale, met.count), _resolve_error(plan, scale)
-    hidden = (_hidden_light(plan, pixels, opacity) + LIGHT * (splats.hollow > 0)) * most
+    hidden = (_hidden_light(plan, pixels, opacity) + LIGHT * (splats.skipped_interior > 0)) * most
     largest = _largest_difference(plan, pixels, brightest_pixel) + lost
     # errors of display values
     steep = STEEPEST if plan.resolved.display else 1.0
-    return Bound(steep * footprint, steep * hidden, brightest_pixel if cut else steep * (rounding + lost), largest)
+    return ErrorBound(steep * footprint, steep * hidden, brightest_pixel if cut else steep * (rounding + lost), largest)
 
 
 def _largest_difference(plan: Plan, pixels: np.ndarray, right: float) -> float:
@@ -262,7 +262,7 @@ def _largest_difference(plan: Plan, pixels: np.ndarray, right: float) -> float:
     if plan.resolved.behind is None:
         return max(right, float(pixels.max())) + max(-float(pixels.min()), 0.0)
     # rounding up, or a form that overestimates a ray's length, makes pixels brighter than the true maximum
-    longer = 1.0 if plan.program.look.hides else _longest(plan)
+    longer = 1.0 if plan.program.appearance.hides else _longest(plan)
     return right * longer + TARGET[plan.target][1]
 
 
@@ -290,11 +290,11 @@ def _largest_alpha(plan: Plan, pixels: np.ndarray, met: RayOverlap) -> float:
 
 def _rounding_error(plan: Plan, scale: float, count: float) -> float:
     """Error of `count` blends of numbers up to `scale`."""
-    look, (share, least) = plan.program.look, TARGET[plan.target]
+    appearance, (share, least) = plan.program.appearance, TARGET[plan.target]
     once = max(_next_power_of_two(scale) * share, least)
-    if look.join == "max":
+    if appearance.join == "max":
         return once
-    return once * count * (OVER if look.hides and plan.target == "rgba32f" else 1.0)
+    return once * count * (OVER if appearance.hides and plan.target == "rgba32f" else 1.0)
 
 
 def _hidden_light(plan: Plan, pixels: np.ndarray, opacity: float) -> float:
@@ -347,10 +347,10 @@ def _streak_errors(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[Plac
 
 def _largest_pixel(splats: Splats, plan: Plan, met: RayOverlap) -> float:
     """An upper bound on the right pixel values, over a background on all, for colours up to 1."""
-    if plan.program.look.join == "max":
+    if plan.program.appearance.join == "max":
         return min(_largest_opacity(splats) * (1 + ROUNDED), 1.0)
     depth = met.light * _largest_integral(plan) * (1 + ROUNDED)
-    if not plan.program.look.hides:
+    if not plan.program.appearance.hides:
         return depth
     plain = plan.exposure is None and plan.resolved.background is None
     return min(float(-np.expm1(-depth)) * (1 + ROUNDED), 1.0) if plain else 1.0
@@ -385,19 +385,19 @@ def _next_power_of_two(largest: float) -> float:
 
 def _footprint_error(splats: Splats, plan: Plan, placement: PlacementError, met: RayOverlap, largest: float) -> float:
     """Total error of all fragments of a ray, for colours up to 1. largest: opacity or sum of a pixel."""
-    program, look, half_line = plan.program, plan.program.look, plan.program.seen.half_line
+    program, appearance, half_line = plan.program, plan.program.appearance, plan.program.seen.half_line
     # a highlight is a power of a cosine
-    arithmetic = ARITHMETIC * 2.0**program.look.light.sharpness + GATHERED * (program.technique == "tiles")
-    if look.join == "max":
+    arithmetic = ARITHMETIC * 2.0**program.appearance.light.sharpness + GATHERED * (program.technique == "tiles")
+    if appearance.join == "max":
         most = _largest_opacity(splats)
         missed = min(float(_deviation(plan.lookup, placement).max()) * most, _peak_error(splats, plan))
         return min(missed + (HALF_LINE * half_line + arithmetic) * most, 1.0)
     # an X-ray is a plain sum
     weight, deep = largest, met.depth
-    if look.hides:
+    if appearance.hides:
         mixed = 0.25 if largest > 0.5 or plan.resolved.background is not None else largest * (1 - largest)
         weight = min(mixed + largest / 4, largest)
-    if program.motion != "off" and program.look.attenuation == "fill":
+    if program.motion != "off" and program.appearance.attenuation == "fill":
         weight, deep = DWELT[0], DWELT[1] * met.depth
     share = accumulated_error(plan.lookup, placement, weight, deep)
     if plan.exposure is None:
@@ -459,17 +459,17 @@ def _placement_error(splats: Splats, view: GridView, plan: Plan) -> PlacementErr
     """The largest error of a fragment's distance D, in voxels, and of its value."""
     corners, depths = view.box(splats), view.voxels(splats.corners_in_grid())[2]
     away = np.linalg.norm(corners, axis=0).max() if view.perspective else np.abs(corners).max()
-    place, gain = _placement_errors(Region(depths.min(), depths.max(), away, np.array(np.inf)), view, plan)
+    place, gain = _placement_errors(CentreRange(depths.min(), depths.max(), away, np.array(np.inf)), view, plan)
     return PlacementError(float(place), float(gain))
 
 
-def _regions(groups: Groups, view: GridView) -> Region:
+def _regions(groups: SplatGroups, view: GridView) -> CentreRange:
     """The region of each group."""
     voxel, spread = view.voxels(groups.place), groups.radius * np.linalg.norm(view.eye_from_index, ord=2)
     near, far = voxel[2] - spread, voxel[2] + spread
     away = np.linalg.norm(voxel, axis=0) if view.perspective else np.abs(voxel).max(axis=0)
     slope = (np.hypot(voxel[0], voxel[1]) + spread) / np.maximum(near, 1e-3)
-    return Region(near, far, away + spread, slope)
+    return CentreRange(near, far, away + spread, slope)
 
 
 def _error_by_place(splats: Splats, plan: Plan, weight: float, depth: float) -> float:
@@ -501,14 +501,14 @@ def _peak_error(splats: Splats, plan: Plan) -> float:
     return float((missed[kind] * -np.expm1(-depth)).max())
 
 
-def _placed_groups(splats: Splats, plan: Plan) -> Groups | None:
+def _placed_groups(splats: Splats, plan: Plan) -> SplatGroups | None:
     """At most FEW groups of static splats in a perspective view, whose errors differ from place to place, else None."""
     groups = cells_of(splats).groups
     few = groups is not None and len(groups.place) <= FEW
     return groups if few and plan.exposure is None and plan.view.perspective else None
 
 
-def _error_kinds(groups: Groups, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+def _error_kinds(groups: SplatGroups, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     """Different errors (place, gain) [K, 2] of splats in groups, and which of them each group has [N]."""
     place, gain = _placement_errors(_regions(groups, plan.view), plan.view, plan)
     kinds, kind = np.unique(_quantize(np.stack([place, gain])), axis=1, return_inverse=True)
@@ -516,13 +516,13 @@ def _error_kinds(groups: Groups, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
 
 
 @lru_cache(maxsize=1024)
-def _remainders(lookup: Lookup, place: float, gain: float) -> np.ndarray:
+def _remainders(lookup: FootprintTable, place: float, gain: float) -> np.ndarray:
     """The σ of each of RELATIVE."""
     missed, value = _deviation_at(lookup, place, gain), _profile(lookup.kernel)[0]
     return np.asarray(np.maximum(missed - RELATIVE[:, None] * np.abs(value), 0.0).max(axis=1))
 
 
-def _placement_errors(region: Region, view: GridView, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+def _placement_errors(region: CentreRange, view: GridView, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     """The largest errors of a fragment's distance D, in voxels, and of its value, in each region."""
     radius, widths = view.kernel.radius, np.linalg.svd(view.eye_from_index, compute_uv=False)
     # float32: relative to the distance from the eye, larger for thin voxels

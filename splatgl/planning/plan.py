@@ -15,13 +15,13 @@ from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.view import GridView
 from splatgl.options import no_effect
-from splatgl.planning.culling import Window, clip_behind_eye, eye_is_near, screen_bounds
+from splatgl.planning.culling import PixelWindow, clip_behind_eye, eye_is_near, screen_bounds
 from splatgl.planning.resolve import Appearance, Resolved, blur_form, select_splats, select_with_notes
 from splatgl.planning.technique import (
     MOST_DOUBLINGS,
     SHARE,
-    Hiding,
-    Request,
+    OcclusionCulling,
+    TechniqueRequest,
     alignment,
     choose_footprint,
     choose_technique,
@@ -37,7 +37,7 @@ from splatgl.transfer.regions import describe_regions
 
 
 @dataclass(frozen=True)
-class Lookup:
+class FootprintTable:
     """A footprint's table: its kernel's name, kind, size and bits."""
 
     kernel: str
@@ -47,7 +47,7 @@ class Lookup:
 
 
 @dataclass(frozen=True)
-class Blurred:
+class MotionBlur:
     """Motion blur of a picture. settings: with the form of streaks. camera: in the middle of the
     exposure. exposure: of streaks, else None. moments: number of pictures whose mean it is, else 0.
     """
@@ -58,7 +58,9 @@ class Blurred:
     moments: int = 0
 
     @classmethod
-    def of(cls, splats: Splats, camera: Camera, settings: Settings, motion: Motion | None, notes: list[str]) -> Blurred:
+    def of(
+        cls, splats: Splats, camera: Camera, settings: Settings, motion: Motion | None, notes: list[str]
+    ) -> MotionBlur:
         """Resolves the blur of the settings; adds notes."""
         exposure, is_off = Exposure.of(camera, settings.shutter, motion), settings.motion == "off"
         is_off = is_off and (settings.moments or 1) == 1
@@ -82,7 +84,7 @@ class Blurred:
         count = settings.moments or 1
         if count > 1:
             notes.append(f"the mean of {count} pictures, each streaked over its part of the paths")
-        return cls(settings.but(motion=form), exposure.middle, exposure, count if count > 1 else 0)
+        return cls(settings.replace(motion=form), exposure.middle, exposure, count if count > 1 else 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,14 +98,14 @@ class ResolvedLayer:
     front: Splats
     resolved: Resolved
     settings: Settings
-    blurred: Blurred
+    blurred: MotionBlur
     why_before: str | None = None
 
     @classmethod
     def of(cls, splats: Splats, camera: Camera, settings: Settings, motion: Motion | None = None) -> ResolvedLayer:
         """Resolves the settings. motion: of the scene since the previous frame."""
         notes = list[str]()
-        blurred = Blurred.of(splats, camera, settings, motion, notes)
+        blurred = MotionBlur.of(splats, camera, settings, motion, notes)
         how, camera, moving = blurred.settings, blurred.camera, blurred.exposure is not None
         selected, why = select_with_notes(splats, how, moving, camera, notes)
         front = selected if moving else clip_behind_eye(selected, camera)
@@ -116,7 +118,7 @@ TABLE_SIZES = {"table": 256, "radial": 1024, "polynomial": 1, "single": 1, "box"
 
 
 @dataclass(frozen=True)
-class Seen:
+class ViewTraits:
     """View properties. antialias: whether any voxel is widened. cubic: whether voxels are cubes.
 
     half_line: whether the eye may be inside a kernel.
@@ -138,8 +140,8 @@ class Program:
     """
 
     technique: str
-    look: Appearance
-    seen: Seen
+    appearance: Appearance
+    seen: ViewTraits
     align: str
     footprint: str
     kernel: str = ""
@@ -151,7 +153,7 @@ class Program:
     @property
     def runs(self) -> bool:
         """Whether opacities depend on the run lengths of matter around splats."""
-        return self.look.attenuation == "fill" and (self.seen.antialias or self.motion != "off")
+        return self.appearance.attenuation == "fill" and (self.seen.antialias or self.motion != "off")
 
     @property
     def boxes(self) -> bool:
@@ -166,7 +168,7 @@ class Program:
     @property
     def packed(self) -> bool:
         """Whether tiles store gradient components in 17 bits, finer than a single polynomial's weights."""
-        return self.technique == "tiles" and self.look.steps > 0 and self.footprint == "single" and not self.bent
+        return self.technique == "tiles" and self.appearance.steps > 0 and self.footprint == "single" and not self.bent
 
 
 @dataclass(frozen=True)
@@ -180,12 +182,12 @@ class Plan:
 
     program: Program
     resolved: Resolved
-    lookup: Lookup
+    lookup: FootprintTable
     order: str
     target: str
     z_s: float
-    window: Window
-    hiding: Hiding
+    window: PixelWindow
+    hiding: OcclusionCulling
     notes: tuple[str, ...]
     splats: Splats
     settings: Settings
@@ -247,11 +249,13 @@ class Plan:
 
     def with_choices(self, **choices: Any) -> Plan:
         """This plan with changed fields of `program`, its look or its view traits."""
-        mine, look, props = ({f.name for f in fields(part)} for part in (Program, Appearance, Seen))
-        assert choices.keys() <= mine | look | props
+        mine, appearance, props = ({f.name for f in fields(part)} for part in (Program, Appearance, ViewTraits))
+        assert choices.keys() <= mine | appearance | props
         program = replace(
             self.program,
-            look=replace(self.program.look, **{name: choices[name] for name in look & choices.keys()}),
+            appearance=replace(
+                self.program.appearance, **{name: choices[name] for name in appearance & choices.keys()}
+            ),
             seen=replace(self.program.seen, **{name: choices[name] for name in props & choices.keys()}),
             **{name: choices[name] for name in mine & choices.keys()},
         )
@@ -261,13 +265,14 @@ class Plan:
         if program.technique == "quads" and program.motion != "off":
             program = replace(program, technique="streaks")
         program = replace(program, footprint=kind)
-        return replace(self, program=program, lookup=lookup, hiding=self.hiding if tiles else Hiding())
+        return replace(self, program=program, lookup=lookup, hiding=self.hiding if tiles else OcclusionCulling())
 
     def explain(self) -> str:
         """A description of the plan, one line per decision."""
         p, resolved = self.program, self.resolved
         lines = [
-            f"blend {p.look.blend}, {'perspective' if p.seen.perspective else 'orthographic'}, target {self.target}",
+            f"blend {p.appearance.blend}, {'perspective' if p.seen.perspective else 'orthographic'}, target "
+            f"{self.target}",
             f"footprint {self.kernel.name}, {self.table}",
             f"align {p.align}" + (f", switch to grid-aligned at z_s = {self.z_s:.6g}" if p.align == "hybrid" else ""),
             f"antialias {self.antialias}, z_k = {resolved.z_k:.6g}, "
@@ -275,10 +280,10 @@ class Plan:
         ]
         if resolved.sheets is not None:
             lines.append(resolved.sheets.explain())
-        if p.look.regions and self.splats.post is not None:
+        if p.appearance.regions and self.splats.post is not None:
             lines.append(describe_regions(self.splats.post.transfer.regions))
-        if p.look.hides:
-            lines.append(f"attenuation {p.look.attenuation}, {self.order}")
+        if p.appearance.hides:
+            lines.append(f"attenuation {p.appearance.attenuation}, {self.order}")
         rows = f"rows {self.window.y} to {self.window.y + self.window.height}"
         lines.append(f"{p.technique}, read back from {rows}: nothing reaches the others")
         if self.hiding.cutoff:
@@ -304,41 +309,43 @@ def plan(
 def plan_layer(layer: ResolvedLayer, tiles: bool | None) -> Plan:
     """The plan of a picture whose settings are resolved. tiles: as of `plan`."""
     splats, resolved, settings, exposure = layer.front, layer.resolved, layer.blurred.settings, layer.blurred.exposure
-    shape, view, look, notes = resolved.kernel, resolved.view, resolved.look, list(resolved.notes)
+    shape, view, appearance, notes = resolved.kernel, resolved.view, resolved.appearance, list(resolved.notes)
     align, z_s = alignment(splats, view, settings, notes)
     half_line = resolved.boxes or _half_line(splats, view, align, exposure, notes)
     # without splats no technique can refuse
-    request = Request(settings, exposure is not None, tiles, resolved.sheets is not None, resolved.boxes)
+    request = TechniqueRequest(settings, exposure is not None, tiles, resolved.sheets is not None, resolved.boxes)
     kind = choose_technique(request, notes) if len(splats) else "quads"
-    read = "box" if resolved.boxes else choose_footprint(kind, shape, settings, look.steps > 0)
+    read = "box" if resolved.boxes else choose_footprint(kind, shape, settings, appearance.steps > 0)
     bounds = screen_bounds(splats.corners_in_grid(), view)
     # sheets sort all splats at a time, and take the exponential itself: other opacities compile nothing
     whole = resolved.sheets is not None or resolved.boxes
-    hiding = Hiding()
-    if kind == "tiles" and look.hides and settings.occlusion != "off":
+    hiding = OcclusionCulling()
+    if kind == "tiles" and appearance.hides and settings.occlusion != "off":
         cutoff = SHARE * settings.tolerance / max(splats.brightest, 1.0)
-        hiding = Hiding(depth_batches(splats, view, bounds, whole), cutoff)
+        hiding = OcclusionCulling(depth_batches(splats, view, bounds, whole), cutoff)
     program = Program(
         technique=kind,
-        look=look,
-        seen=Seen(view.perspective, view.antialias, splats.grid.cubic, half_line),
+        appearance=appearance,
+        seen=ViewTraits(view.perspective, view.antialias, splats.grid.cubic, half_line),
         align=align,
         footprint=read,
         kernel=shape.name if read in ("polynomial", "single") else "",
         motion=settings.motion if exposure else "off",
         flow=exposure is not None and exposure.flow is not None,
         points=is_points(splats.records.dtype),
-        exp_doublings=MOST_DOUBLINGS if whole or kind != "tiles" else exp_doublings(splats, shape, look.attenuation),
+        exp_doublings=MOST_DOUBLINGS
+        if whole or kind != "tiles"
+        else exp_doublings(splats, shape, appearance.attenuation),
     )
     return Plan(
         program,
         resolved,
-        Lookup(shape.name, read, settings.table_size or TABLE_SIZES[read], settings.table_bits),
+        FootprintTable(shape.name, read, settings.table_size or TABLE_SIZES[read], settings.table_bits),
         _order(settings, kind, resolved.sheets is not None, notes),
         _target(settings),
         z_s,
         # a streak may reach any pixel
-        Window(0, 0, *view.size) if exposure else bounds.window,
+        PixelWindow(0, 0, *view.size) if exposure else bounds.window,
         hiding,
         tuple(notes),
         layer.splats,
@@ -387,7 +394,7 @@ OF_MOTION = ("motion", "moments", "shutter")
 
 
 @dataclass(frozen=True)
-class Use:
+class SettingsUse:
     """A layer's plan, the settings as they were given, and whether meshes are drawn, too."""
 
     plan: Plan
@@ -395,16 +402,16 @@ class Use:
     meshes: bool
 
     @property
-    def look(self) -> Appearance:
+    def appearance(self) -> Appearance:
         """The appearance of the splats."""
-        return self.plan.program.look
+        return self.plan.program.appearance
 
     @property
     def is_lit(self) -> bool:
         """Whether light changes with the direction of surfaces; points have none."""
         splats = self.plan.splats
         has_normals = splats.post is not None or splats.labels is not None or bool(splats.records["normal"].any())
-        return self.look.iso == "lit" or (self.look.shading and has_normals)
+        return self.appearance.iso == "lit" or (self.appearance.shading and has_normals)
 
     @property
     def shows_light(self) -> bool:
@@ -414,11 +421,11 @@ class Use:
     @property
     def skips_hidden(self) -> bool:
         """Whether hidden splats are skipped, unless the settings say otherwise."""
-        return self.look.hides and self.plan.program.technique == "tiles"
+        return self.appearance.hides and self.plan.program.technique == "tiles"
 
 
 # settings, whether the plan of a layer uses them, and the reason if no layer does
-NEEDS: tuple[tuple[tuple[str, ...], Callable[[Use], bool], str], ...] = (
+NEEDS: tuple[tuple[tuple[str, ...], Callable[[SettingsUse], bool], str], ...] = (
     (OF_SPLATS, lambda use: len(use.plan.splats) > 0, "only meshes are drawn"),
     (("samples",), lambda use: use.given.antialias == "supersample", "antialias is not supersample"),
     (("z_s",), lambda use: use.plan.program.align == "hybrid", "align is not hybrid, or the view is parallel"),
@@ -427,15 +434,15 @@ NEEDS: tuple[tuple[tuple[str, ...], Callable[[Use], bool], str], ...] = (
         lambda use: use.plan.program.align == use.given.align,
         "in a parallel view all alignments are the same",
     ),
-    (("mip_attenuation",), lambda use: use.look.join == "attenuated", "blend is not attenuated-mip"),
+    (("mip_attenuation",), lambda use: use.appearance.join == "attenuated", "blend is not attenuated-mip"),
     (("table_size",), lambda use: use.plan.program.footprint in ("table", "radial"), "footprints are no table"),
     (("kernel",), lambda use: use.given.kernel in (use.plan.kernel.name, FREE), "voxels of labels are drawn as boxes"),
     (("shading",), lambda use: use.given.shading == "off" or use.is_lit or use.meshes, "there are no surfaces"),
     (LIGHT, lambda use: use.shows_light, "nothing is shaded"),
-    (("ambient_occlusion",), lambda use: use.look.sky, "no matter is drawn in blend composite"),
+    (("ambient_occlusion",), lambda use: use.appearance.sky, "no matter is drawn in blend composite"),
     (
         ("shadows",),
-        lambda use: use.look.shadows or use.meshes,
+        lambda use: use.appearance.shadows or use.meshes,
         "shadows are of blend composite, and of a light beside the eye",
     ),
     (
@@ -443,11 +450,11 @@ NEEDS: tuple[tuple[tuple[str, ...], Callable[[Use], bool], str], ...] = (
         lambda use: (use.given.compositing == "sheets") == (use.plan.resolved.sheets is not None),
         "these splats composite one by one",
     ),
-    (("sheets",), lambda use: use.look.sheets > 0, "splats composite one by one"),
-    (("steps",), lambda use: use.look.steps > 0, "values are classified before reconstruction"),
+    (("sheets",), lambda use: use.appearance.sheets > 0, "splats composite one by one"),
+    (("steps",), lambda use: use.appearance.steps > 0, "values are classified before reconstruction"),
     (
         ("attenuation",),
-        lambda use: use.given.attenuation in ("opacity", use.look.attenuation),
+        lambda use: use.given.attenuation in ("opacity", use.appearance.attenuation),
         "only splats of blend composite beyond z_k are weakened",
     ),
     (
@@ -458,7 +465,7 @@ NEEDS: tuple[tuple[tuple[str, ...], Callable[[Use], bool], str], ...] = (
         "antialias is not paper, or every splat is nearer than z_k",
     ),
     (("target",), lambda use: use.given.target in ("auto", use.plan.target), "sums of optical depth exceed 8 bits"),
-    (("order",), lambda use: use.look.hides, "the blend has no order"),
+    (("order",), lambda use: use.appearance.hides, "the blend has no order"),
     (("occlusion",), lambda use: use.skips_hidden, "only tiles of blend composite skip hidden splats"),
 )
 
@@ -473,7 +480,7 @@ def unused_settings(
         notes += no_effect(still, "nothing moves")
     for names, is_used, why in NEEDS:
         listed = [name for name in names if name in given]
-        if listed and not any(is_used(Use(plan, settings, has_meshes)) for plan in plans):
+        if listed and not any(is_used(SettingsUse(plan, settings, has_meshes)) for plan in plans):
             notes += no_effect(listed, why)
             given = {name: value for name, value in given.items() if name not in listed}
     return tuple(notes)

@@ -51,7 +51,7 @@ class RayOverlap:
 
 
 @dataclass(frozen=True, eq=False)
-class Groups:
+class SplatGroups:
     """Single splats or blocks of them. place [N, 3]: centres, grid indices; radius [N]: of the ball around the members'
     centres; count [N]; depth [N]: Σ τ.
     """
@@ -63,7 +63,7 @@ class Groups:
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
+class CellCounts:
     """Lattice occupancy. aligned: whether all splats are at their cells' centres; count, depth: largest number and Σ τ
     in one cell; planes [3]: occupied planes across x, y, z; groups: None if there are too many blocks.
     """
@@ -72,7 +72,7 @@ class Cells:
     count: int
     depth: float
     planes: np.ndarray
-    groups: Groups | None
+    groups: SplatGroups | None
 
 
 def ray_overlap(splats: Splats, view: GridView, astray: float = 0.0) -> RayOverlap:
@@ -89,7 +89,7 @@ def ray_overlap(splats: Splats, view: GridView, astray: float = 0.0) -> RayOverl
     return RayOverlap(min(by_planes.count, by_places.count), depth, light)
 
 
-def _light(groups: Groups, view: GridView) -> float:
+def _light(groups: SplatGroups, view: GridView) -> float:
     """An upper bound on Σ τ g F/F(0): in each ring of a footprint its largest |F| there and beyond."""
     radii = view.kernel.radius * np.linspace(0.0, 1.0, RINGS * PER_RING + 1)
     value = np.abs(view.kernel.footprint(radii)) / float(view.kernel.footprint(np.zeros(())))
@@ -139,7 +139,7 @@ def _overlap_by_planes(splats: Splats, view: GridView, radius: float) -> RayOver
     return RayOverlap(count, depth, depth)
 
 
-def overlap_by_places(groups: Groups, view: GridView, discs: list[tuple[float, float]]) -> RayOverlap:
+def overlap_by_places(groups: SplatGroups, view: GridView, discs: list[tuple[float, float]]) -> RayOverlap:
     """The largest overlap of any ray with discs of the groups' splats, of each reach and with each weight of depth."""
     # of a ball around the members' kernels, an ellipsoid in eye axes
     quadric = view.eye_from_index @ view.eye_from_index.T
@@ -265,10 +265,10 @@ class _Screen:
         return [float(steps.cumsum(axis=0).cumsum(axis=1).max()) for steps in self.steps]
 
 
-_cells: WeakKeyDictionary[Splats, Cells] = WeakKeyDictionary()
+_cells: WeakKeyDictionary[Splats, CellCounts] = WeakKeyDictionary()
 
 
-def cells_of(splats: Splats) -> Cells:
+def cells_of(splats: Splats) -> CellCounts:
     """The occupancy of `splats`, cached for their lifetime."""
     cells = _cells.get(splats)
     if cells is None:
@@ -276,7 +276,7 @@ def cells_of(splats: Splats) -> Cells:
     return cells
 
 
-def _count(splats: Splats) -> Cells:
+def _count(splats: Splats) -> CellCounts:
     position, depth = splats.records["position"], splats.records["optical_depth"]
     # splats of a cell are adjacent
     first = np.ones(len(splats), bool)
@@ -291,7 +291,7 @@ def _count(splats: Splats) -> Cells:
     # in parts, to save memory
     planes = [len(np.unique(np.concatenate([np.unique(part) for part in _parts(along)]))) for along in coordinates]
     aligned = all(bool((part == np.rint(part)).all()) for part in _parts(position))
-    return Cells(
+    return CellCounts(
         aligned, count, deepest, np.array(planes, dtype=np.float64), _group(splats, FEW if aligned else FEW_POINTS)
     )
 
@@ -301,11 +301,11 @@ def _parts(values: np.ndarray) -> Iterator[np.ndarray]:
     return (values[first : first + PART] for first in range(0, len(values), PART))
 
 
-def _group(splats: Splats, few: int) -> Groups | None:
+def _group(splats: Splats, few: int) -> SplatGroups | None:
     """Single splats if there are at most `few`, else blocks of them."""
     position, depth = splats.records["position"], splats.records["optical_depth"]
     if len(position) <= few:
-        return Groups(position, np.broadcast_to(0.0, len(position)), np.broadcast_to(1.0, len(position)), depth)
+        return SplatGroups(position, np.broadcast_to(0.0, len(position)), np.broadcast_to(1.0, len(position)), depth)
     first, last = splats.index_bounds
     wide = np.floor((last - first) / BLOCK) + 1
     if float(wide.prod()) > MOST_BLOCKS:
@@ -322,7 +322,9 @@ def _group(splats: Splats, few: int) -> Groups | None:
     if len(used) > FEW:
         return None
     middle = (np.stack([used % x, used // x % y, used // (x * y)], axis=1) + 0.5) * BLOCK + first
-    return Groups(middle, np.full(len(used), BLOCK * np.sqrt(3.0) / 2), count[used].astype(np.float64), total[used])
+    return SplatGroups(
+        middle, np.full(len(used), BLOCK * np.sqrt(3.0) / 2), count[used].astype(np.float64), total[used]
+    )
 
 
 def _corners(values: np.ndarray) -> np.ndarray:

@@ -18,10 +18,10 @@ from splatgl.geometry.clipping import Clip, clip_splats
 from splatgl.geometry.mask_field import MaskField
 from splatgl.geometry.view import GridView, widening
 from splatgl.planning.ambient_occlusion import LightVolume
-from splatgl.splat.extract import POST_KERNEL, Progress, Source, extract, why_only_pre
+from splatgl.splat.extract import POST_KERNEL, Progress, SplatSource, extract, why_only_pre
 from splatgl.splat.hidden_interior import LIGHT, TOLERANCE
 from splatgl.splat.kernels import BOX, FREE, Kernel, has_negative, kernel
-from splatgl.splat.lighting import LIGHTS, Light
+from splatgl.splat.lighting import LIGHTS, LightModel
 from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.settings import Blend, Blending, Motions, Settings
 from splatgl.splat.sheets import MOST_SHEETS, Sheets
@@ -69,7 +69,7 @@ class Appearance(Blending):
     clipped: bool = False
     masked: bool = False
     iso: str = ""
-    light: Light = LIGHTS["head"]
+    light: LightModel = LIGHTS["head"]
     sky: bool = False
     shadows: bool = False
 
@@ -87,7 +87,7 @@ class Resolved:
     reference length. display: whether display values are mixed.
     """
 
-    look: Appearance
+    appearance: Appearance
     samples: int
     averaged: bool
     camera: Camera
@@ -109,7 +109,7 @@ class Resolved:
     @property
     def behind(self) -> tuple[float, ...] | None:
         """The background in the light that is mixed; None if it is transparent, and of sums."""
-        if self.background is None or self.look.is_sum:
+        if self.background is None or self.appearance.is_sum:
             return None
         return tuple(srgb_from_linear(np.array(self.background)).tolist()) if self.display else self.background
 
@@ -137,17 +137,17 @@ class Resolved:
             "eye": camera.eye.tolist(),
             **dict(zip(("right", "down", "forward"), camera.eye_from_world.tolist(), strict=True)),
             "extent": camera.extent,
-            "blend": self.look.blend,
+            "blend": self.appearance.blend,
             "kernel": self.kernel.name,
             "antialias": self.view.antialias,
             "samples": self.samples,
             "averaged": self.averaged,
             "aliased": not self.averaged and (not self.view.antialias or self.view.blur < 1) and self.is_fine(splats),
-            "classification": "post" if self.look.steps else "pre",
-            "sheets": self.look.sheets,
-            "steps": self.look.steps,
-            "attenuation": self.look.attenuation,
-            "shading": self.look.shading,
+            "classification": "post" if self.appearance.steps else "pre",
+            "sheets": self.appearance.sheets,
+            "steps": self.appearance.steps,
+            "attenuation": self.appearance.attenuation,
+            "shading": self.appearance.shading,
             "background": None if self.background is None else list(self.background),
         }
 
@@ -165,7 +165,7 @@ class Resolved:
         z_k = fine.z_k(splats.grid.smallest_spacing / settings.filter_width)
         boxes = draws_boxes(splats, settings, moving)
         antialias, lit = not boxes and _antialias(settings, z_k, depths[1], notes), _shading(splats, settings, notes)
-        light = Light.of(settings.light, settings.light_from, settings.shadows > 0, settings.strengths)
+        light = LightModel.of(settings.light, settings.light_from, settings.shadows > 0, settings.strengths)
         cues = _cues(splats, camera, settings, light, notes)
         shape = BOX if boxes else kernel(kernel_name(splats, settings))
         if shape is not BOX and has_negative(shape.name):
@@ -176,7 +176,7 @@ class Resolved:
         # widened weights of means need no attenuation
         after = sheets is not None and sheets.steps > 0
         clip, mask = (Clip.of(settings.clip, splats.grid) if after or boxes else None), (splats.mask if after else None)
-        look = Appearance(
+        appearance = Appearance(
             settings.blend,
             attenuation="optical-depth" if after else attenuation_form(settings, antialias or moving),
             shading=lit,
@@ -192,7 +192,7 @@ class Resolved:
             shadows=cues is not None and cues.light is not None,
         )
         return cls(
-            look=look,
+            appearance=appearance,
             samples=samples,
             averaged=settings.antialias in AVERAGED,
             camera=fine,
@@ -349,7 +349,9 @@ def _iso_light(splats: Splats, settings: Settings) -> str:
     return "flat" if settings.shading == "off" else "lit"
 
 
-def _cues(splats: Splats, camera: Camera, settings: Settings, light: Light, notes: list[str]) -> LightVolume | None:
+def _cues(
+    splats: Splats, camera: Camera, settings: Settings, light: LightModel, notes: list[str]
+) -> LightVolume | None:
     """The light that reaches matter; None for all light."""
     names = [name for name in ("ambient_occlusion", "shadows") if getattr(settings, name) > 0]
     if not names or not len(splats):
@@ -486,7 +488,7 @@ def extract_for_settings(
     splats = extract(volume, transfer, threshold, progress=progress, classification=how, kernel=kernel)
     if settings.classification != "auto" or moving:
         return splats
-    return replace(splats, source=Source(volume, transfer, threshold))
+    return replace(splats, source=SplatSource(volume, transfer, threshold))
 
 
 def select_splats(splats: Splats, settings: Settings, moving: bool, camera: Camera | None = None) -> Splats:
@@ -507,14 +509,14 @@ def _classified(splats: Splats, settings: Settings, moving: bool, camera: Camera
         return splats
     how, kernel = extraction_kind(settings, moving, source.only_pre, source.volume.count)
     if post is None:
-        serves = (how == "pre" and not splats.hollow) or (
+        serves = (how == "pre" and not splats.skipped_interior) or (
             how == "post" and source.many and settings.classification == "auto"
         )
     else:
         serves = how != "pre" and post.kernel == kernel and (how == "post" or post.every)
-    if serves and splats.hollow:
+    if serves and splats.skipped_interior:
         reach = reach_outside(splats, settings, camera)
-        if 0 < reach <= splats.hollow and (post is not None or kernel == POST_KERNEL):
+        if 0 < reach <= splats.skipped_interior and (post is not None or kernel == POST_KERNEL):
             return splats
         if settings.classification != "auto":
             return source.splats(how, kernel)
@@ -557,7 +559,7 @@ def select_with_notes(
     values. Adds notes on why `auto` classifies voxels instead of reconstructed values, or leaves some out, if it does.
     """
     selected = select_splats(splats, settings, moving, camera)
-    if selected.hollow:
+    if selected.skipped_interior:
         notes.append(f"inner voxels left out: less than {LIGHT:.1g} of their light leaves the matter around them")
     if selected.post is not None:
         return selected, None

@@ -21,13 +21,13 @@ from splatgl.data.mask import parse_mask
 from splatgl.data.mesh import OF_VOLUME, Mesh, cap_meshes
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, error_prefix, expected
-from splatgl.geometry.camera import Camera, Part
-from splatgl.geometry.clipping import Box, Plane, change_planes, parse_planes
+from splatgl.geometry.camera import Camera, FittedPoints
+from splatgl.geometry.clipping import ClipUnits, Plane, change_planes, parse_planes
 from splatgl.geometry.grid import Grid
-from splatgl.geometry.slices import Painted, Painter, Slice, parse_slices
-from splatgl.options import refuse_unknown
+from splatgl.geometry.slices import Slice, SliceLayer, SlicePainter, parse_slices
+from splatgl.options import reject_unknown
 from splatgl.planning.bricks import Bricks
-from splatgl.planning.culling import Opaque, clip_behind_eye
+from splatgl.planning.culling import OpaqueBounds, clip_behind_eye
 from splatgl.planning.plan import Plan, ResolvedLayer, plan_layer, unused_settings
 from splatgl.planning.resolve import (
     blur_form,
@@ -148,7 +148,7 @@ class Layer:
         assert self.transfer is not None
         clip = self.clip
         if clip is not None:
-            clip = change_planes(parse_planes(clip, Box.of([self.volume])), change)
+            clip = change_planes(parse_planes(clip, ClipUnits.of([self.volume])), change)
         transfer = self.transfer.rescaled(change.length)
         return replace(self, volume=self.volume.placed(frame, unit), transfer=transfer, clip=clip, held=None)
 
@@ -215,8 +215,8 @@ class Scene:
         object.__setattr__(self, "layers", tuple(part for layer in layers for part in layer.placed(*world).parts()))
         if not 1 <= len(self.shown) <= MOST_LAYERS:
             raise expected("layers", f"1 to {MOST_LAYERS} that are visible", len(self.shown))
-        planes = parse_planes(self.clip, Box.of(layer.volume for layer in self.shown)) if len(self.clip) else ()
-        own = [parse_planes(x.clip, Box.of([x.volume])) if x.clip is not None else planes for x in self.shown]
+        planes = parse_planes(self.clip, ClipUnits.of(layer.volume for layer in self.shown)) if len(self.clip) else ()
+        own = [parse_planes(x.clip, ClipUnits.of([x.volume])) if x.clip is not None else planes for x in self.shown]
         object.__setattr__(self, "planes", tuple(own))
         meshes = [mesh.placed(*world) for mesh in self.meshes]
         surfaces, notes = self._segment_surfaces()
@@ -262,7 +262,7 @@ class Scene:
 
     def _unit_notes(self) -> list[str]:
         """Notes on visible layers without a unit of length that meet no layer whose unit is known."""
-        boxes = [(layer.volume, Box.of([layer.volume])) for layer in self.shown]
+        boxes = [(layer.volume, ClipUnits.of([layer.volume])) for layer in self.shown]
         known = [box for volume, box in boxes if volume.unit in METRES]
         lost = [
             volume.name or "a layer"
@@ -279,15 +279,17 @@ class Scene:
                 segments, off = smooth_surfaces(layer.volume, layer.faded, layer.surfaces, closed=False)
                 surfaces += [(replace(mesh, clipped=True), planes) for mesh in segments]
                 count = f"{len(segments)} segment{'s' * (len(segments) != 1)}"
-                told = f"{count} drawn as smoothed surfaces ({layer.surfaces:g})"
-                notes.append(f"{layer.volume.name or 'labels'}: {told}, up to {off:.2g} voxels off the faces of voxels")
+                scene_notes = f"{count} drawn as smoothed surfaces ({layer.surfaces:g})"
+                notes.append(
+                    f"{layer.volume.name or 'labels'}: {scene_notes}, up to {off:.2g} voxels off the faces of voxels"
+                )
         return surfaces, notes
 
-    def painter(self, what: str) -> Painter:
+    def painter(self, what: str) -> SlicePainter:
         """The colours of a slice or caps, as `what` says. Raises InputError for clouds of points."""
         self.require_voxels(what)
         looks = [(x, x.transfer) for x in self.shown if x.transfer is not None]
-        return Painter([Painted(x.volume, slice_colors(x.volume, look), x.opacity) for x, look in looks])
+        return SlicePainter([SliceLayer(x.volume, slice_colors(x.volume, look), x.opacity) for x, look in looks])
 
     def _slice_meshes(self) -> list[Mesh]:
         if not self.slices:
@@ -367,23 +369,23 @@ class Scene:
         return [mesh.vertices for mesh in (*(mesh for mesh, _ in self.whole), *self.sliced)]
 
     @property
-    def full_extent(self) -> Part:
+    def full_extent(self) -> FittedPoints:
         """The boxes of the volumes of visible layers, and the meshes, which default views are fitted to."""
         boxes = (box.volume.corners for box in self._subjects)
-        return Part(np.concatenate([*boxes, *self._mesh_places]), self.frame)
+        return FittedPoints(np.concatenate([*boxes, *self._mesh_places]), self.frame)
 
     @property
-    def robust(self) -> Part:
+    def robust(self) -> FittedPoints:
         """The visible part, without samples that are alone."""
         boxes = (box.robust.outline for box in self._subjects)
-        return Part(np.concatenate([*boxes, *self._mesh_places]), self.frame)
+        return FittedPoints(np.concatenate([*boxes, *self._mesh_places]), self.frame)
 
     @cached_property
-    def _subjects(self) -> list[Opaque]:
+    def _subjects(self) -> list[OpaqueBounds]:
         # voxels also where surfaces are drawn: both have the same view
         # the box of meshes alone has no matter: where there is another volume, the meshes themselves count
         solid = [x for x in self.shown if any(opacity for _, opacity in x.volume.hints.points or ((0.0, 1.0),))]
-        return [Opaque(x.volume, x.seen if x.only_slices else x.faded) for x in solid or self.shown]
+        return [OpaqueBounds(x.volume, x.seen if x.only_slices else x.faded) for x in solid or self.shown]
 
 
 @dataclass(frozen=True, eq=False)
@@ -417,7 +419,7 @@ class ScenePlan:
 
     layers: tuple[Plan, ...]
     resolved: ResolvedScene
-    told: tuple[str, ...] = ()
+    scene_notes: tuple[str, ...] = ()
     is_moving: bool = False
     seconds: float = 0.0
 
@@ -425,7 +427,7 @@ class ScenePlan:
     def notes(self) -> tuple[str, ...]:
         """Notes on the meshes, and on settings without effect."""
         scene = self.resolved
-        return (*self.told, *unused_settings(self.layers, scene.settings, bool(scene.meshes), self.is_moving))
+        return (*self.scene_notes, *unused_settings(self.layers, scene.settings, bool(scene.meshes), self.is_moving))
 
     @property
     def notes_in_motion(self) -> tuple[str, ...]:
@@ -458,8 +460,8 @@ def plan_scene(
     started = time.perf_counter()
     scene = resolve_scene(subject, camera, settings, motion)
     plans = tuple(plan_layer(layer, tiles) for layer in scene.layers)
-    told = () if scene.is_single else subject.notes
-    return ScenePlan(plans, scene, told, motion is not None, time.perf_counter() - started)
+    scene_notes = () if scene.is_single else subject.notes
+    return ScenePlan(plans, scene, scene_notes, motion is not None, time.perf_counter() - started)
 
 
 def resolve_scene(
@@ -588,7 +590,7 @@ def bounded_of(x: Any, _: Others) -> Any:
 def transfer_of(x: Any, others: Others) -> Transfer:
     """The transfer function of a preset's name or of a file, for the volume among the other arguments; or of fields."""
     if isinstance(x, Mapping):
-        refuse_unknown("transfer", map(str, x), Transfer.__dataclass_fields__, "names of Transfer's fields")
+        reject_unknown("transfer", map(str, x), Transfer.__dataclass_fields__, "names of Transfer's fields")
         return Transfer(**x)
     if not isinstance(x, str | Path):
         raise TypeError
@@ -611,4 +613,4 @@ def settings_of(x: Any, _: Others) -> Settings:
     """The settings of a mapping of fields."""
     if not isinstance(x, Mapping):
         raise TypeError
-    return Settings().but(**x)
+    return Settings().replace(**x)

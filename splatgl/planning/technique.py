@@ -66,7 +66,7 @@ GROWTH = 1.5
 
 
 @dataclass(frozen=True)
-class Hiding:
+class OcclusionCulling:
     """depth_batches: number per picture; splats behind terminated tiles are skipped. cutoff: transmittance below which
     a tile terminates; 0: never.
     """
@@ -94,7 +94,7 @@ SINGLE_TOLERANCE = 3e-3
 
 
 @dataclass(frozen=True)
-class Request:
+class TechniqueRequest:
     """Settings and motion of a picture. tiles: whether the renderer prefers them; None: unsupported. sheets: whether
     splats add up within sheets. boxes: whether splats are boxes of voxels.
     """
@@ -106,13 +106,13 @@ class Request:
     boxes: bool = False
 
 
-def _why_not_quads(request: Request) -> str | None:
+def _why_not_quads(request: TechniqueRequest) -> str | None:
     if request.moving:
         return "motion"
     return why_not_front_to_back(request.settings) if request.sheets else None
 
 
-def _why_not_streaks(request: Request) -> str | None:
+def _why_not_streaks(request: TechniqueRequest) -> str | None:
     if not request.moving:
         return "a still"
     if request.sheets:
@@ -122,7 +122,7 @@ def _why_not_streaks(request: Request) -> str | None:
     return None
 
 
-def _why_not_tiles(request: Request) -> str | None:
+def _why_not_tiles(request: TechniqueRequest) -> str | None:
     if request.moving:
         return "motion"
     if request.tiles is None:
@@ -131,14 +131,14 @@ def _why_not_tiles(request: Request) -> str | None:
 
 
 # by technique, the reason why it cannot draw a picture; None if it can
-TECHNIQUES: dict[str, Callable[[Request], str | None]] = {
+TECHNIQUES: dict[str, Callable[[TechniqueRequest], str | None]] = {
     "tiles": _why_not_tiles,
     "streaks": _why_not_streaks,
     "quads": _why_not_quads,
 }
 
 
-def choose_technique(request: Request, notes: list[str]) -> str:
+def choose_technique(request: TechniqueRequest, notes: list[str]) -> str:
     """The requested technique; for auto, tiles if preferred or for sheets or boxes, and possible, else quads. Raises
     InputError if none is possible.
     """
@@ -172,7 +172,7 @@ def choose_footprint(drawn: str, shape: Kernel, settings: Settings, means: bool 
     return "single" if means and settings.tolerance >= SINGLE_TOLERANCE else "polynomial"
 
 
-def table_of_refusals() -> list[tuple[str, ...]]:
+def table_of_unsupported() -> list[tuple[str, ...]]:
     """Table of refusals by technique, a row for each setting value that any technique refuses."""
     rows = []
     for name, values in choices().items():
@@ -180,10 +180,12 @@ def table_of_refusals() -> list[tuple[str, ...]]:
             if name in ("technique", "motion"):
                 continue
             change: dict[str, Any] = {name: value}
-            settings = Settings().but(**change)
+            settings = Settings().replace(**change)
             post = settings.classification == "post" or settings.needs_values
             sheets = post or settings.compositing == "sheets"
-            reasons = [why(Request(settings, name_ == "streaks", True, sheets)) for name_, why in TECHNIQUES.items()]
+            reasons = [
+                why(TechniqueRequest(settings, name_ == "streaks", True, sheets)) for name_, why in TECHNIQUES.items()
+            ]
             if any(reasons):
                 rows.append((f"{name} {value}", *(f"no: {why}" if why else "yes" for why in reasons)))
     return rows

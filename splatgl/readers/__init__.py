@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Unpack
 from splatgl.coercion import public
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Label, Volume
-from splatgl.errors import Choice, InputError, error_prefix, expected, warn
+from splatgl.errors import InputError, MissingOption, error_prefix, expected, warn
 from splatgl.fileio import decode_text, require_existing
-from splatgl.options import keywords_of, refuse_unknown, with_keywords
+from splatgl.options import keywords_of, reject_unknown, with_keywords
 from splatgl.plugins import find_function, load_plugins
 from splatgl.readers.common import silence_libraries
 from splatgl.readers.contents import FIXES, UNKNOWN, describe_bytes, identify, is_n5, is_pattern
@@ -71,7 +71,7 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: Unpack[L
             if array is not None:
                 given.setdefault("array", array)
             names = [field.name for field in fields(LoadOptions)]
-            refuse_unknown("options", sorted(given), names, f"some of {', '.join(names)}")
+            reject_unknown("options", sorted(given), names, f"some of {', '.join(names)}")
             load_options = replace(options or LoadOptions(), **given)  # type: ignore[arg-type]
             if isinstance(load_options.time, str):
                 first = load(str(path), replace(load_options, time=None))
@@ -99,7 +99,7 @@ def list_volumes(path: str | Path) -> list[str]:
     try:
         with silence_libraries():
             form = None if is_address(path) else _find_format(Path(path), LoadOptions())
-            return _import_function(form.lists)(Path(path)) if form and form.lists else []
+            return _import_function(form.list_volumes)(Path(path)) if form and form.list_volumes else []
     except (InputError, OSError, MemoryError):
         return []
 
@@ -140,7 +140,7 @@ def _load_remote(address: str, options: LoadOptions) -> Volume:
     if any(_suffix(Path(name), form) for form in FORMATS if "file" in form.kinds):
         return _load(remote.file(), options)
     form = next(form for form in FORMATS if form.reader == "ome_zarr.read")
-    _refuse_options(form, options)
+    _reject_options(form, options)
     volume = ome_zarr.read(remote.store(), options, remote)
     return _apply_name(volume, name, form, options)
 
@@ -163,7 +163,7 @@ def _with_path(path: Path | str, error: InputError) -> InputError:
     message = str(error)
     short = message if len(message) <= LINE_LIMIT else message[: LINE_LIMIT - 1] + "…"
     line = "".join(c if c.isprintable() else "?" for c in f"{path}: {short}")
-    return Choice(line, error.option, error.choices) if isinstance(error, Choice) else InputError(line)
+    return MissingOption(line, error.option, error.choices) if isinstance(error, MissingOption) else InputError(line)
 
 
 def _find_format(path: Path, options: LoadOptions) -> Format:
@@ -173,10 +173,10 @@ def _find_format(path: Path, options: LoadOptions) -> Format:
     if other:
         return other
     kind = "folder" if path.is_dir() or is_pattern(path) else "file"
-    detectable = [form for form in FORMATS if form.tells and kind in form.kinds]
+    detectable = [form for form in FORMATS if form.detect and kind in form.kinds]
     if kind == "folder":
         default = None if is_pattern(path) else named
-        form = next((form for form in detectable if _import_function(form.tells)(path)), default)
+        form = next((form for form in detectable if _import_function(form.detect)(path)), default)
         if form is None:
             names = " or ".join(form.title for form in detectable)
             if is_pattern(path):
@@ -188,18 +188,24 @@ def _find_format(path: Path, options: LoadOptions) -> Format:
         raise expected("path", "a file", "a pipe or device", "save it to a file first")
     has_bytes = path.is_file() and path.stat().st_size > 0
     contents = identify(path) if has_bytes else ""
-    if named and (not has_bytes or contents in (named.title, *named.starts) or (not contents and "?" in named.starts)):
+    if named and (
+        not has_bytes or contents in (named.title, *named.signatures) or (not contents and "?" in named.signatures)
+    ):
         return named
-    if named and "*" in named.starts and (not contents or _import_function("raw.states_samples")(path.name, options)):
+    if (
+        named
+        and "*" in named.signatures
+        and (not contents or _import_function("raw.states_samples")(path.name, options))
+    ):
         return named
     # of packed data that are too short only the name tells
-    candidates = [form for form in FORMATS if contents in (form.title, *form.starts) and contents not in UNKNOWN]
-    closer = (form for form in candidates or detectable if form in detectable and _import_function(form.tells)(path))
+    candidates = [form for form in FORMATS if contents in (form.title, *form.signatures) and contents not in UNKNOWN]
+    closer = (form for form in candidates or detectable if form in detectable and _import_function(form.detect)(path))
     form = next(closer, next(iter(candidates), None))
-    return form or _refuse_contents(path, named, contents)
+    return form or _reject_contents(path, named, contents)
 
 
-def _refuse_contents(path: Path, named: Format | None, contents: str) -> Format:
+def _reject_contents(path: Path, named: Format | None, contents: str) -> Format:
     """Raises InputError for a file whose contents are of no format, and not what its name says."""
     fix = FIXES.get(contents, "")
     if named:
@@ -223,14 +229,14 @@ def _check_file(path: Path, form: Format, options: LoadOptions) -> None:
         raise expected("path", f"a {form.title} folder" if "file" not in form.kinds else "a file", f"a {kind}")
     if kind == "file" and path.stat().st_size == 0:
         raise expected("file", "data", "0 bytes", "the file is empty")
-    _refuse_options(form, options)
+    _reject_options(form, options)
 
 
-def _refuse_options(form: Format, options: LoadOptions) -> None:
+def _reject_options(form: Format, options: LoadOptions) -> None:
     """Raises InputError for options that the format doesn't support."""
-    if options.values == "heights" and "relief" not in form.takes:
+    if options.values == "heights" and "relief" not in form.options:
         raise expected("values", f"labels or amounts for {form.title}", "heights")
-    known = (*(() if "point_size" in form.takes else ("spacing", "values")), *form.takes, *["own"] * bool(form.own))
+    known = (*(() if "point_size" in form.options else ("spacing", "values")), *form.options, *["own"] * bool(form.own))
     refused = sorted(options.given - set(known))
     if refused:
         raise expected("options", f"some of {', '.join(known)} for {form.title}", ", ".join(refused))

@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.data.affine import unit_name, volume_on_grid
-from splatgl.data.arrays import Changed
+from splatgl.data.arrays import ConvertedArray
 from splatgl.data.volume import Lengths, Volume
 from splatgl.errors import expected
 from splatgl.readers.channels import MOST_CHANNELS, Channel, ChannelSet, mark_microscope
@@ -162,7 +162,7 @@ def _read_setup(
         if isinstance(samples, np.ndarray):
             samples = samples.view(unsigned)
         else:
-            samples = Changed(samples, samples.shape, unsigned, methodcaller("view", unsigned))
+            samples = ConvertedArray(samples, samples.shape, unsigned, methodcaller("view", unsigned))
         shift = (factors[level] - 1) / 2
         grid = matrix * factors[level], matrix @ shift + origin
         volumes.append(volume_on_grid(samples, *grid, "affine", unit=unit, whole=Lengths.of(matrix, image.size)))

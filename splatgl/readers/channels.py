@@ -11,7 +11,7 @@ import numpy as np
 from splatgl.data.color import luma
 from splatgl.data.times import Times
 from splatgl.data.volume import Volume
-from splatgl.errors import Choice, expected, list_names
+from splatgl.errors import MissingOption, expected, list_names
 from splatgl.readers.common import parse_number
 from splatgl.readers.options import LoadOptions
 
@@ -67,7 +67,9 @@ class ChannelSet:
         if requested is None and not self.together:
             fix = f"pick with channel=0 … channel={count - 1}, channel=all"
             error = expected("axes", "one sample per voxel", f"{count} {self.what}", fix)
-            raise Choice(str(error), "channel", [(str(n), channel.name) for n, channel in enumerate(self.channels)])
+            raise MissingOption(
+                str(error), "channel", [(str(n), channel.name) for n, channel in enumerate(self.channels)]
+            )
         if requested is None:
             return [n for n, channel in enumerate(self.channels) if channel.active] or list(range(count))
         if requested == "all":

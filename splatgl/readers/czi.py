@@ -25,7 +25,7 @@ from splatgl.readers.channels import Channel, parse_window
 from splatgl.readers.chunked import OneFile
 from splatgl.readers.common import MAX_BYTES, decoder_errors, parse_number, require_bytes, require_plausible
 from splatgl.readers.dicom_frames import check_picture
-from splatgl.readers.microscopes import Image, Planes, check_planes, even_spacing, read_image
+from splatgl.readers.microscopes import MicroscopeImage, Planes, check_planes, even_spacing, read_image
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import list_series
 from splatgl.readers.tiff_validation import jpeg_xr_size
@@ -87,7 +87,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     return read_image(path, "CZI", images, options, OneFile(path))
 
 
-def _find_images(path: Path) -> list[Image]:
+def _find_images(path: Path) -> list[MicroscopeImage]:
     """The scenes of a file, each with its tiles; without scenes the file is one."""
     with path.open("rb") as file:
         if not file.read(16).startswith(START):
@@ -153,7 +153,7 @@ def _read_metadata(file: Any, at: int, there: int) -> Element:
     return parse_xml(file.read(size).strip(b"\0 \r\n"), "CZI's metadata") if size > 0 else Element("ImageDocument")
 
 
-def _make_image(path: Path, root: Element, name: str, tiles: list[_Tile]) -> Image:
+def _make_image(path: Path, root: Element, name: str, tiles: list[_Tile]) -> MicroscopeImage:
     """The image of a scene's tiles, with axes T, C, Z and any others but tiles of a mosaic."""
     first = tiles[0]
     if any(tile.pixels != first.pixels for tile in tiles) or first.pixels not in _PIXELS:
@@ -186,7 +186,7 @@ def _make_image(path: Path, root: Element, name: str, tiles: list[_Tile]) -> Ima
     axes = "".join([*lead, "YX", "S" * (samples > 1)])
     spacing = even_spacing(*(length * 1e6 for length in metres))
     missing, unit = math.prod(counts) - len(grouped), "um" if metres[0] else ""
-    return Image(name, axes, planes.shape, lambda: planes, channels, spacing, unit, step, missing)
+    return MicroscopeImage(name, axes, planes.shape, lambda: planes, channels, spacing, unit, step, missing)
 
 
 def _read_channels(root: Element, count: int, first: int, dtype: np.dtype) -> tuple[Channel, ...]:

@@ -24,14 +24,14 @@ from splatgl.readers import dicom_segments
 from splatgl.readers.dicom_frames import (
     TIMES,
     ULTRASOUND_VOLUME,
-    Frame,
+    DicomFrame,
     check_header,
     decode_frames,
     is_color,
     list_frames,
     slice_normal,
 )
-from splatgl.readers.dicom_headers import Header, find_sources, read_header
+from splatgl.readers.dicom_headers import DicomHeader, find_sources, read_header
 from splatgl.readers.dicom_vendors import ANGIOGRAM, value_hints
 from splatgl.readers.options import LoadOptions
 
@@ -92,7 +92,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 
 @contextmanager
-def _with_file_name(head: Header, group: Sequence[Frame]) -> Iterator[None]:
+def _with_file_name(head: DicomHeader, group: Sequence[DicomFrame]) -> Iterator[None]:
     """Puts the file's name before an error, if there are several files."""
     try:
         yield
@@ -102,7 +102,7 @@ def _with_file_name(head: Header, group: Sequence[Frame]) -> Iterator[None]:
         raise InputError(f"{head.source.name}: {error}") from error
 
 
-def _read_samples(grid: Grid) -> tuple[np.ndarray, np.ndarray | None]:
+def _read_samples(grid: SliceGrid) -> tuple[np.ndarray, np.ndarray | None]:
     """Samples [D, H, W], and colours uint8 [D, H, W, 3] of coloured frames, else None."""
     planes = [(plane, frame) for plane, frame in enumerate(grid.planes) if frame is not None]
     group = [frame for _, frame in planes]
@@ -114,7 +114,7 @@ def _read_samples(grid: Grid) -> tuple[np.ndarray, np.ndarray | None]:
     samples = np.full(shape, np.nan, dtype) if len(planes) < len(grid.planes) else np.empty(shape, dtype)
     color = np.zeros((*shape, 3), np.uint8) if is_color(group[0].header) else None
     places = {id(frame): plane for plane, frame in planes}
-    files: dict[int, list[Frame]] = {}
+    files: dict[int, list[DicomFrame]] = {}
     for frame in group:
         files.setdefault(id(frame.header), []).append(frame)
     for file_frames in files.values():
@@ -129,7 +129,7 @@ def _read_samples(grid: Grid) -> tuple[np.ndarray, np.ndarray | None]:
     return samples, color
 
 
-def _choose_dtype(group: Sequence[Frame], gaps: bool) -> np.dtype:
+def _choose_dtype(group: Sequence[DicomFrame], gaps: bool) -> np.dtype:
     """The type of rescaled values: the stored one, int16 where 16 bits are shifted, int32, or float32."""
     heads = [frame.header for frame in group]
     real = any(head.stored[0] == 0 or head.padding or head.lut is not None for head in heads)
@@ -159,7 +159,7 @@ def _widen(samples: np.ndarray, values: np.ndarray) -> np.ndarray:
     return samples if fits else samples.astype(np.int32)
 
 
-def _rescale(frame: Frame, stored: np.ndarray, dtype: np.dtype) -> np.ndarray:
+def _rescale(frame: DicomFrame, stored: np.ndarray, dtype: np.dtype) -> np.ndarray:
     """Values of a frame: rescaled, MONOCHROME1 inverted so that larger is brighter, NaN for padding."""
     head, (slope, shift) = frame.header, frame.scale
     if is_color(head):
@@ -191,14 +191,14 @@ ALIKE = 2e-3
 
 
 @dataclass(frozen=True)
-class Grid:
+class SliceGrid:
     """Frames by plane, None where a slice is missing; spacing, origin, direction as in `Volume`; notes.
 
     between: fractional slice numbers of the volume's planes, for uneven slices (1.5: midway from the second to the
     third; NaN: left empty); None: one plane per slice.
     """
 
-    planes: tuple[Frame | None, ...]
+    planes: tuple[DicomFrame | None, ...]
     spacing: Triple
     origin: Triple
     direction: np.ndarray
@@ -210,16 +210,16 @@ class Grid:
     time_step: float | None = None
 
 
-def largest_group(frames: Sequence[Frame]) -> tuple[list[Frame], tuple[str, ...]]:
+def largest_group(frames: Sequence[DicomFrame]) -> tuple[list[DicomFrame], tuple[str, ...]]:
     """The largest group of frames of one stack; notes on the others."""
     chosen = max(group_frames(frames), key=rank)
     left = len(frames) - len(chosen)
     return chosen, (f"{left} of {len(frames)} images have another size or orientation: left out",) if left else ()
 
 
-def group_frames(frames: Sequence[Frame]) -> list[list[Frame]]:
+def group_frames(frames: Sequence[DicomFrame]) -> list[list[DicomFrame]]:
     """Frames of one stack, size, kind and orientation."""
-    groups: dict[tuple[object, ...], list[tuple[np.ndarray, list[Frame]]]] = {}
+    groups: dict[tuple[object, ...], list[tuple[np.ndarray, list[DicomFrame]]]] = {}
     for frame in frames:
         head = frame.header
         placed = (frame.position is None, frame.orientation is None)
@@ -235,7 +235,7 @@ def group_frames(frames: Sequence[Frame]) -> list[list[Frame]]:
     return [members for alike in groups.values() for _, members in alike]
 
 
-def split_stacks(frames: list[Frame]) -> list[list[Frame]]:
+def split_stacks(frames: list[DicomFrame]) -> list[list[DicomFrame]]:
     """The stacks of a series, each of two frames at least; single frames stay with the largest stack."""
     groups = group_frames(frames)
     stacks = [group for group in groups if len(group) > 1] or [frames]
@@ -244,12 +244,12 @@ def split_stacks(frames: list[Frame]) -> list[list[Frame]]:
     return stacks if len(stacks) > 1 else [frames]
 
 
-def rank(frames: Sequence[Frame]) -> tuple[bool, int]:
+def rank(frames: Sequence[DicomFrame]) -> tuple[bool, int]:
     """Sort key of frames by size: stacks after single pictures, then by voxels."""
     return len(frames) > 1, sum(math.prod(frame.header.mosaic.plane) for frame in frames)
 
 
-def make_grid(frames: Sequence[Frame], options: LoadOptions) -> Grid:
+def make_grid(frames: Sequence[DicomFrame], options: LoadOptions) -> SliceGrid:
     """The grid of frames of the same size and orientation. Raises InputError for slices that make no grid."""
     first = frames[0]
     across = first.spacing or (1.0, first.aspect)
@@ -288,7 +288,7 @@ def make_grid(frames: Sequence[Frame], options: LoadOptions) -> Grid:
         origin = positions.mean(axis=0) - indices.mean() * step
         notes += _check_line(indices, positions, origin, step)
     indices = np.arange(len(chosen)) if indices is None else indices
-    planes: list[Frame | None] = [None] * (int(indices[-1]) + 1)
+    planes: list[DicomFrame | None] = [None] * (int(indices[-1]) + 1)
     for index, frame in zip(indices.tolist(), chosen, strict=True):
         planes[index] = frame
     length = float(np.linalg.norm(step))
@@ -296,18 +296,20 @@ def make_grid(frames: Sequence[Frame], options: LoadOptions) -> Grid:
     x, y, z = origin.tolist()
     # volumes of ultrasound lie in a frame of the transducer
     space = None if first.header.sop == ULTRASOUND_VOLUME else "LPS"
-    return Grid(
+    return SliceGrid(
         tuple(planes), (*across, length), (x, y, z), direction, unit or "mm", space, notes, between, times, time_step
     )
 
 
-def _stack_by_number(frames: Sequence[Frame], options: LoadOptions, across: tuple[float, float], unit: str) -> Grid:
+def _stack_by_number(
+    frames: Sequence[DicomFrame], options: LoadOptions, across: tuple[float, float], unit: str
+) -> SliceGrid:
     """Frames without positions, in the order of their slices, or of their numbers; films are one slice."""
     notes: tuple[str, ...] = ()
     times, time_step = 1, None
     if any(frame.slice is None for frame in frames):
         for name in ("array", "time"):
-            options.refuse(name, "images with positions")
+            options.reject(name, "images with positions")
         ordered = sorted(frames, key=lambda frame: (*frame.order[-1:], frame.header.source.name, frame.number))
     else:
         of_slice = groupby(sorted(frames, key=slice_number), slice_number)
@@ -317,19 +319,19 @@ def _stack_by_number(frames: Sequence[Frame], options: LoadOptions, across: tupl
     how = f"{step:g} {unit}".strip() + " apart"
     if len(ordered) > 1:
         notes = (*notes, f"no positions: {len(ordered)} images in the order of their numbers, {how}")
-    return Grid(
+    return SliceGrid(
         tuple(ordered), (*across, step), (0.0, 0.0, 0.0), direction, unit, None, notes, times=times, time_step=time_step
     )
 
 
-def slice_number(frame: Frame) -> int:
+def slice_number(frame: DicomFrame) -> int:
     """The number of a frame's slice, 0 without one."""
     return frame.slice or 0
 
 
 def _select_images(
-    by_place: list[list[Frame]], options: LoadOptions
-) -> tuple[list[Frame], tuple[str, ...], int, float | None]:
+    by_place: list[list[DicomFrame]], options: LoadOptions
+) -> tuple[list[DicomFrame], tuple[str, ...], int, float | None]:
     """One image of each place, by its number `time` or `array` in the order of TIMES, else the first; notes on it, the
     number of time points, and seconds between them or None.
     """
@@ -379,7 +381,7 @@ def _time_step(values: dict[str, list[float]]) -> float | None:
     return None
 
 
-def _plane_numbers(along: np.ndarray, frames: Sequence[Frame]) -> np.ndarray | None:
+def _plane_numbers(along: np.ndarray, frames: Sequence[DicomFrame]) -> np.ndarray | None:
     """Plane numbers of sorted places: multiples of the usual distance if larger distances are gaps, consecutive numbers
     if distances are about even; None for other slices, which are resampled.
     """
@@ -402,7 +404,7 @@ def _plane_numbers(along: np.ndarray, frames: Sequence[Frame]) -> np.ndarray | N
     return indices if np.abs(off).max() <= UNEVEN * apart.mean() else None
 
 
-def _find_gaps(apart: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
+def _find_gaps(apart: np.ndarray, frames: Sequence[DicomFrame]) -> np.ndarray:
     """bool: whether slices are missing in each of the distances `apart`.
 
     If slices at the least distance touch by their thickness: where slices don't touch. Otherwise: where the distance
@@ -422,7 +424,7 @@ def _find_gaps(apart: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
 
 
 def _resample_planes(
-    positions: np.ndarray, along: np.ndarray, frames: Sequence[Frame]
+    positions: np.ndarray, along: np.ndarray, frames: Sequence[DicomFrame]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
     """Origin [3], step [3], fractional slice numbers and notes of planes at the least distance of uneven slices."""
     apart = np.diff(along)
@@ -477,14 +479,14 @@ DICOMDIR_CLASS = "1.2.840.10008.1.3.10"
 
 
 @dataclass(frozen=True)
-class Series:
+class DicomSeries:
     """A series of images, or a stack of it: its number in the list, and its frames."""
 
     number: int
-    frames: tuple[Frame, ...]
+    frames: tuple[DicomFrame, ...]
 
     @property
-    def head(self) -> Header:
+    def head(self) -> DicomHeader:
         """The header of the first frame, whose UID, kind and description are those of the series."""
         return self.frames[0].header
 
@@ -501,26 +503,26 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Contents:
+class DicomContents:
     """Contents of a path: series in the order of their numbers; number of damaged files; headers without images."""
 
-    series: tuple[Series, ...]
+    series: tuple[DicomSeries, ...]
     damaged: int
-    others: tuple[Header, ...] = ()
+    others: tuple[DicomHeader, ...] = ()
 
     @property
-    def segments(self) -> list[Header]:
+    def segments(self) -> list[DicomHeader]:
         """Headers of files that label voxels."""
         return [head for head in self.others if head.modality in SEGMENTS]
 
 
-def find_series(path: Path) -> Contents:
+def find_series(path: Path) -> DicomContents:
     """The series and segments of a path. Raises InputError, which says what else is there, if there are none."""
     files = find_sources(path)
     if not files:
         raise expected("DICOM", "DICOM files", "none", "name the folder or file that holds them")
-    members: dict[str, list[Frame]] = {}
-    others: list[Header] = []
+    members: dict[str, list[DicomFrame]] = {}
+    others: list[DicomHeader] = []
     failed: list[InputError] = []
     for source in files:
         try:
@@ -542,11 +544,11 @@ def find_series(path: Path) -> Contents:
         raise _no_images_error(others, failed)
     ordered = sorted(members.values(), key=lambda frames: (frames[0].header.number, frames[0].header.series))
     stacks = (stack for frames in ordered for stack in split_stacks(frames))
-    series = tuple(Series(number, tuple(stack)) for number, stack in enumerate(stacks, 1))
-    return Contents(series, len(failed), tuple(others))
+    series = tuple(DicomSeries(number, tuple(stack)) for number, stack in enumerate(stacks, 1))
+    return DicomContents(series, len(failed), tuple(others))
 
 
-def _no_images_error(others: Sequence[Header], failed: Sequence[InputError]) -> InputError:
+def _no_images_error(others: Sequence[DicomHeader], failed: Sequence[InputError]) -> InputError:
     """The error for a path without images, naming the kind of file that is there instead."""
     if not others and failed:
         return InputError(f"none of {len(failed)} DICOM files can be read: {failed[0]}")
@@ -554,12 +556,12 @@ def _no_images_error(others: Sequence[Header], failed: Sequence[InputError]) -> 
     return expected("DICOM", "images", next((OTHERS[kind] for kind in OTHERS if kind in kinds), "files without pixels"))
 
 
-def rank_series(series: Series) -> tuple[bool, int]:
+def rank_series(series: DicomSeries) -> tuple[bool, int]:
     """Sort key of series by the size of their largest stack."""
     return rank(largest_group(series.frames)[0])
 
 
-def select_series(candidates: Sequence[Series], options: LoadOptions) -> Series:
+def select_series(candidates: Sequence[DicomSeries], options: LoadOptions) -> DicomSeries:
     """The series that `series` names by number, UID or end of a UID, else the largest."""
     if options.series is None:
         return max(candidates, key=rank_series)

@@ -19,8 +19,8 @@ from splatgl.readers.common import DEFLATE_RATIO, MAX_BYTES, require_bytes
 from splatgl.readers.dicom_headers import (
     PARAMETRIC_MAP,
     SIEMENS_B,
-    Bounded,
-    Header,
+    DicomHeader,
+    LimitedFile,
     Numbers,
     dicom_errors,
     finite_numbers,
@@ -58,7 +58,7 @@ TIMES: tuple[tuple[str | int, str, str], ...] = (
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class DicomFrame:
     """An image: its header, its number in the file; position [3] and orientation [6] in LPS mm, as in DICOM.
 
     spacing: (x, y) of its pixels or None. step: from slice to slice by the header, or None; negative if frames of
@@ -68,7 +68,7 @@ class Frame:
     a pixel in widths, where its size is unknown.
     """
 
-    header: Header
+    header: DicomHeader
     number: int
     position: Numbers | None
     orientation: Numbers | None
@@ -103,7 +103,7 @@ _CENTIMETRES = 3
 _PLANAR = ("STATIC", "DYNAMIC", "GATED", "WHOLE BODY")
 
 
-def list_frames(of: Header, tags: Any) -> list[Frame]:
+def list_frames(of: DicomHeader, tags: Any) -> list[DicomFrame]:
     """All frames of a file. Raises InputError for a damaged header, and for more frames than it has bytes."""
     if of.frames > min(of.room, MOST_FRAMES):
         this = f"at most {min(of.room, MOST_FRAMES)} frames, in {of.room} bytes"
@@ -145,7 +145,7 @@ class _Groups:
         return getattr(value, "value", None) if isinstance(tag, int) else value
 
 
-def _read_frame(of: Header, number: int, groups: _Groups) -> Frame:
+def _read_frame(of: DicomHeader, number: int, groups: _Groups) -> DicomFrame:
     """Reads the header of a frame."""
     position = finite_numbers(groups.get("ImagePositionPatient", "PlanePositionSequence"), 3)
     orientation = finite_numbers(groups.get("ImageOrientationPatient", "PlaneOrientationSequence"), 6)
@@ -167,7 +167,7 @@ def _read_frame(of: Header, number: int, groups: _Groups) -> Frame:
     slope = dose or finite_numbers([groups.get(f"{scale}Slope", way)], 1)
     shift = finite_numbers([groups.get(f"{scale}Intercept", way)], 1)
     times = [_read_time(groups, tag, sequence) for tag, sequence, _ in TIMES]
-    return Frame(
+    return DicomFrame(
         of,
         number,
         position,
@@ -217,7 +217,7 @@ def _read_time(groups: _Groups, tag: str | int, sequence: str) -> float:
         return math.nan
 
 
-def _multiframe(tags: Any, first: Frame) -> list[Frame]:
+def _multiframe(tags: Any, first: DicomFrame) -> list[DicomFrame]:
     """The frames of a multi-frame file without functional groups: along the normal, by offsets or the step.
 
     Frames of nuclear medicine state their slice, and their number among several images of it.
@@ -250,7 +250,7 @@ def _seconds(day: str, time: str) -> float:
     return days * 86400 + number // 10000 * 3600 + number // 100 % 100 * 60 + number % 100
 
 
-def _separate_moments(tags: Any, frames: list[Frame]) -> list[Frame]:
+def _separate_moments(tags: Any, frames: list[DicomFrame]) -> list[DicomFrame]:
     """The frames; those of a film, and of nuclear medicine without positions, as images of one slice."""
     if any(frame.position for frame in frames):
         return frames
@@ -268,7 +268,7 @@ def _separate_moments(tags: Any, frames: list[Frame]) -> list[Frame]:
     return [replace(frame, slice=0, stack=head.source.name) for frame in frames]
 
 
-def _with_times(tags: Any, frames: list[Frame]) -> list[Frame]:
+def _with_times(tags: Any, frames: list[DicomFrame]) -> list[DicomFrame]:
     """The frames with their numbers as time points, and their times in milliseconds where the file has them."""
     count = len(frames)
     steps = finite_numbers(tags.get("FrameTimeVector"), count)
@@ -286,7 +286,7 @@ def _with_times(tags: Any, frames: list[Frame]) -> list[Frame]:
     return timed
 
 
-def _split_mosaic(first: Frame) -> list[Frame]:
+def _split_mosaic(first: DicomFrame) -> list[DicomFrame]:
     """The slices of a mosaic."""
     places = first.header.mosaic.places(first.position, first.orientation, first.spacing, first.step)
     return [replace(first, number=number, position=place) for number, place in enumerate(places)]
@@ -346,12 +346,12 @@ GREYS = ("MONOCHROME1", "MONOCHROME2")
 RLE = "1.2.840.10008.1.2.5"
 
 
-def is_color(header: Header) -> bool:
+def is_color(header: DicomHeader) -> bool:
     """Whether the frames are in colour."""
     return header.photometric in (*COLORS, PALETTE)
 
 
-def check_header(header: Header) -> None:
+def check_header(header: DicomHeader) -> None:
     """Raises InputError for unsupported pixels, and for sizes that the file cannot hold."""
     uid = find_decoder(header.syntax)
     rows, columns = header.size
@@ -375,7 +375,7 @@ def check_header(header: Header) -> None:
         raise expected("pixels", "sizes that they can hold", got, "the file is cut short or its header is damaged")
 
 
-def frame_bytes(header: Header) -> int:
+def frame_bytes(header: DicomHeader) -> int:
     """Bytes of an uncompressed frame."""
     rows, columns = header.size
     pixels = rows * columns * header.samples * header.allocated // 8
@@ -407,8 +407,8 @@ UID_NAMES = {"1.2.840.10008.1.2.4.50": "JPEG Baseline", "1.2.840.10008.1.2.4.70"
 
 
 def decode_frames(
-    header: Header, frames: Sequence[Frame], tags: Any = None
-) -> Iterator[tuple[Frame, np.ndarray, np.ndarray | None]]:
+    header: DicomHeader, frames: Sequence[DicomFrame], tags: Any = None
+) -> Iterator[tuple[DicomFrame, np.ndarray, np.ndarray | None]]:
     """(frame, stored values [H, W], colours uint8 [H, W, 3] or None) of frames of one file, by their numbers. tags: the
     file's data set, read if it is not given.
     """
@@ -431,7 +431,7 @@ def decode_frames(
                 yield wanted[place], array[part], None if color is None else color[part]
 
 
-def _decode(file: Bounded, header: Header, numbers: Sequence[int], tags: Any) -> Iterator[np.ndarray]:
+def _decode(file: LimitedFile, header: DicomHeader, numbers: Sequence[int], tags: Any) -> Iterator[np.ndarray]:
     """Values of frames, whose numbers ascend; the sizes that a compressed frame's header states are checked first."""
     from pydicom.encaps import encapsulate, generate_frames, parse_basic_offsets, parse_fragments
     from pydicom.pixels import as_pixel_options
@@ -478,7 +478,7 @@ def check_picture(stated: tuple[tuple[int, ...], int], rows: int, columns: int, 
         raise expected("compressed picture", this, got, "the file is damaged")
 
 
-def _to_rgb(array: np.ndarray, header: Header, tags: Any) -> np.ndarray:
+def _to_rgb(array: np.ndarray, header: DicomHeader, tags: Any) -> np.ndarray:
     """RGB, uint8 [H, W, 3]."""
     if header.photometric == PALETTE:
         from pydicom.pixels import apply_color_lut

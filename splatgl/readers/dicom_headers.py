@@ -37,7 +37,7 @@ MOST_FILES, MOST_TRIED = 100_000, 2_000
 
 
 @dataclass(frozen=True)
-class Source:
+class DicomSource:
     """A file, or a member of a zip. name: for messages, relative to the given path."""
 
     path: Path
@@ -45,17 +45,17 @@ class Source:
     member: str | None = None
 
     @contextmanager
-    def open(self) -> Iterator[Bounded]:
+    def open(self) -> Iterator[LimitedFile]:
         """Opens the file. Raises InputError if a zip's member cannot be read."""
         if self.member is None:
             with self.path.open("rb") as file:
-                yield Bounded(file, self.path.stat().st_size)
+                yield LimitedFile(file, self.path.stat().st_size)
             return
         with open_zip(self.path) as archive, archive.open(self.member) as packed:
-            yield Bounded(packed, archive.getinfo(self.member).file_size)
+            yield LimitedFile(packed, archive.getinfo(self.member).file_size)
 
 
-class Bounded:
+class LimitedFile:
     """A file that limits reads to its end: libraries allocate buffers of any length that a damaged header states."""
 
     def __init__(self, file: IO[bytes], size: int) -> None:
@@ -105,17 +105,17 @@ def is_dicom(path: Path) -> bool:
     return any(is_dicom_start(_first_bytes(file), file.name) for file in files)
 
 
-def find_sources(path: Path) -> list[Source]:
+def find_sources(path: Path) -> list[DicomSource]:
     """All DICOM files of a path, sorted by name. Raises InputError for too many files, and for a bad zip."""
     if path.is_dir():
         paths = list(islice(_files(path), MOST_FILES + 1))
-        files = [Source(file, file.relative_to(path).as_posix()) for file in paths]
+        files = [DicomSource(file, file.relative_to(path).as_posix()) for file in paths]
         files = [source for source in _limit_files(files) if is_dicom_start(_first_bytes(source.path), source.name)]
         return sorted(files, key=lambda source: source.name)
     if is_dicom(path):
         listed = _list_directory(path) if path.name.upper().startswith("DICOMDIR") else set()
         beside = find_sources(path.parent) if listed else []
-        return [source for source in beside if source.name.lower() in listed] or [Source(path, path.name)]
+        return [source for source in beside if source.name.lower() in listed] or [DicomSource(path, path.name)]
     return _zip_members(path) if zipfile.is_zipfile(path) else []
 
 
@@ -123,13 +123,13 @@ def _list_directory(path: Path) -> set[str]:
     """Lower-case names, relative to its folder, of the files in a table of contents; empty for another file."""
     pydicom = import_extra("pydicom", "DICOM files", "pydicom", "dicom")
     with dicom_errors(), path.open("rb") as file:
-        bounded: Any = Bounded(file, path.stat().st_size)
+        bounded: Any = LimitedFile(file, path.stat().st_size)
         tags = pydicom.dcmread(bounded, force=True, specific_tags=["DirectoryRecordSequence"])
         found = (item.get("ReferencedFileID") for item in tags.get("DirectoryRecordSequence") or ())
         return {"/".join([name] if isinstance(name, str) else map(str, name)).lower() for name in found if name}
 
 
-def _limit_files(sources: list[Source]) -> list[Source]:
+def _limit_files(sources: list[DicomSource]) -> list[DicomSource]:
     if len(sources) > MOST_FILES:
         raise expected("folder", f"at most {MOST_FILES} files", "more", "name the folder of one study")
     return sources
@@ -156,7 +156,7 @@ def _first_bytes(path: Path) -> bytes:
         return b""
 
 
-def _zip_members(path: Path) -> list[Source]:
+def _zip_members(path: Path) -> list[DicomSource]:
     """The DICOM members of a zip."""
     with open_zip(path) as archive:
         infos = [info for info in archive.infolist() if not info.is_dir()]
@@ -165,7 +165,7 @@ def _zip_members(path: Path) -> list[Source]:
         for info in infos:
             require_plausible(info.file_size, info.compress_size)
         members = []
-        for source in _limit_files([Source(path, info.filename, info.filename) for info in infos]):
+        for source in _limit_files([DicomSource(path, info.filename, info.filename) for info in infos]):
             with archive.open(source.name) as file:
                 if is_dicom_start(file.read(MAGIC_AT + len(MAGIC)), source.name):
                     members.append(source)
@@ -224,7 +224,7 @@ UNITS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Header:
+class DicomHeader:
     """Header that the frames of a file share. size: (rows, columns) of its images, each a mosaic of slices. stored:
     (bits stored, whether signed); 0 bits for floating point. shift: bits below those stored. swapped: whether bytes
     are in big-endian words of two.
@@ -235,7 +235,7 @@ class Header:
     rescaled values to SUV. angiogram: whether vessels are brightest.
     """
 
-    source: Source
+    source: DicomSource
     series: str
     number: int
     modality: str
@@ -273,7 +273,7 @@ def dicom_errors() -> Iterator[None]:
         raise InputError(f"cannot be read as DICOM ({type(error).__name__}); the file is damaged") from error
 
 
-def read_dataset(file: Bounded, more: Sequence[str] = ()) -> Any:
+def read_dataset(file: LimitedFile, more: Sequence[str] = ()) -> Any:
     """Reads TAGS and `more` tags; the file is at the pixels' element afterwards, or at its end."""
     pydicom = import_extra("pydicom", "DICOM files", "pydicom", "dicom")
     with dicom_errors():
@@ -287,7 +287,7 @@ def read_dataset(file: Bounded, more: Sequence[str] = ()) -> Any:
         return tags
 
 
-def read_header(source: Source) -> tuple[Header, Any]:
+def read_header(source: DicomSource) -> tuple[DicomHeader, Any]:
     """The header of a file, and its data set. Raises InputError for a damaged file."""
     with source.open() as file:
         tags = read_dataset(file)
@@ -302,7 +302,7 @@ def read_header(source: Source) -> tuple[Header, Any]:
         factor, suv_note = suv_factor(tags) if tags.get("Modality") == "PT" else (1.0, "")
         mosaic, split = find_mosaic(tags, rows, columns)
         keyword = PIXELS.get(pixels[:4]) or PIXELS.get(pixels[1::-1] + pixels[3:1:-1], "")
-        return Header(
+        return DicomHeader(
             source,
             series=str(tags.get("SeriesInstanceUID") or ""),
             number=whole_number(_optional(tags, "SeriesNumber"), -(2**31)),

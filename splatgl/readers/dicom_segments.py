@@ -17,10 +17,17 @@ from splatgl.errors import expected
 from splatgl.fileio import byte_count
 from splatgl.readers.channels import Channel, ChannelSet, hex_color
 from splatgl.readers.common import require_bytes
-from splatgl.readers.dicom_frames import Frame, check_header, decode_frames, find_decoder, list_frames, slice_normal
+from splatgl.readers.dicom_frames import (
+    DicomFrame,
+    check_header,
+    decode_frames,
+    find_decoder,
+    list_frames,
+    slice_normal,
+)
 from splatgl.readers.dicom_headers import (
-    Header,
-    Source,
+    DicomHeader,
+    DicomSource,
     dicom_errors,
     finite_numbers,
     plain_text,
@@ -55,7 +62,7 @@ Planes = Mapping[int, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Grid:
+class PlaneGrid:
     """Even planes: shape [D, H, W], and the grid as in `Volume`, in LPS and mm."""
 
     shape: tuple[int, int, int]
@@ -64,7 +71,7 @@ class Grid:
     direction: np.ndarray
 
 
-def read(source: Source, kind: str, options: LoadOptions) -> Volume:
+def read(source: DicomSource, kind: str, options: LoadOptions) -> Volume:
     """The labels of a segmentation or of contours; `channel` picks one if overlapping segments take several."""
     if options.array is not None or options.series is not None:
         raise expected("array and series", "no value for segments", "one", "pick segments by --only-labels")
@@ -93,7 +100,7 @@ def read(source: Source, kind: str, options: LoadOptions) -> Volume:
 
 
 def _pack_layers(
-    grid: Grid, table: Sequence[Label], masks: Callable[[int], Iterator[tuple[int, np.ndarray]]]
+    grid: PlaneGrid, table: Sequence[Label], masks: Callable[[int], Iterator[tuple[int, np.ndarray]]]
 ) -> tuple[list[tuple[np.ndarray, tuple[Label, ...]]], tuple[str, ...]]:
     """(samples [D, H, W], labels of their numbers) of each layer: a segment is in the first where it overlaps no other;
     notes on segments that are left out.
@@ -156,8 +163,8 @@ def _srgb(lab: Sequence[float]) -> list[int]:
 
 
 def _frame_masks(
-    head: Header, tags: Any, table: Sequence[Label]
-) -> tuple[Grid, Callable[[int], Iterator[tuple[int, np.ndarray]]], tuple[str, ...]]:
+    head: DicomHeader, tags: Any, table: Sequence[Label]
+) -> tuple[PlaneGrid, Callable[[int], Iterator[tuple[int, np.ndarray]]], tuple[str, ...]]:
     """The grid of a segmentation, a function from a segment's number to its (plane, mask) pairs, and notes."""
     rows, columns = head.size
     kind = str(tags.get("SegmentationType") or "BINARY").upper()
@@ -205,7 +212,7 @@ def _frame_segments(tags: Any, count: int) -> list[int]:
     return segments
 
 
-def _place_frames(frames: Sequence[Frame], size: tuple[int, int]) -> tuple[Grid, dict[int, list[int]]]:
+def _place_frames(frames: Sequence[DicomFrame], size: tuple[int, int]) -> tuple[PlaneGrid, dict[int, list[int]]]:
     """The grid of frames, and the planes by frame number: one, or all that the thickness spans if steps are uneven."""
     first = frames[0]
     assert first.orientation is not None and first.spacing is not None
@@ -237,7 +244,7 @@ def _place_frames(frames: Sequence[Frame], size: tuple[int, int]) -> tuple[Grid,
     length = float(np.linalg.norm(slope)) * step
     x, y, z = start.tolist()
     direction = np.column_stack([axes[0], axes[1], slope / np.linalg.norm(slope)])
-    return Grid((count, *size), (*first.spacing, length), (x, y, z), direction), planes
+    return PlaneGrid((count, *size), (*first.spacing, length), (x, y, z), direction), planes
 
 
 def _is_multiple(apart: np.ndarray, step: float) -> bool:
@@ -263,8 +270,8 @@ def _region_labels(tags: Any) -> tuple[Label, ...]:
 
 
 def _contour_masks(
-    head: Header, tags: Any, table: Sequence[Label]
-) -> tuple[Grid, Callable[[int], Iterator[tuple[int, np.ndarray]]], tuple[str, ...]]:
+    head: DicomHeader, tags: Any, table: Sequence[Label]
+) -> tuple[PlaneGrid, Callable[[int], Iterator[tuple[int, np.ndarray]]], tuple[str, ...]]:
     """A grid for all contours, a function from a region's number to its (plane, mask) pairs, and notes."""
     closed, left = _closed_contours(tags, {label.number for label in table})
     axes = _contour_axes([points for _, points in closed])
@@ -344,7 +351,7 @@ def _merge_heights(heights: Sequence[float]) -> list[float]:
     return [merged[height] for height in heights]
 
 
-def _contour_grid(outlines: Sequence[np.ndarray], places: np.ndarray) -> Grid:
+def _contour_grid(outlines: Sequence[np.ndarray], places: np.ndarray) -> PlaneGrid:
     """A grid, in the contours' axes, of planes at the contours' distance, as fine as MOST_VOXELS permits."""
     low, high = (np.array([pick(points, axis=0) for points in outlines]) for pick in (np.min, np.max))
     low, high = low.min(axis=0), high.max(axis=0)
@@ -360,10 +367,10 @@ def _contour_grid(outlines: Sequence[np.ndarray], places: np.ndarray) -> Grid:
     if byte_count((count, rows, columns), np.dtype("u1")) > 4 * MOST_VOXELS:
         raise expected("contours", "a smaller extent", f"{(high - low).tolist()} mm")
     x, y = low.tolist()
-    return Grid((count, rows, columns), (size, size, step), (x, y, float(places[0])), np.eye(3))
+    return PlaneGrid((count, rows, columns), (size, size, step), (x, y, float(places[0])), np.eye(3))
 
 
-def _fill_contours(contours: Sequence[np.ndarray], grid: Grid) -> np.ndarray:
+def _fill_contours(contours: Sequence[np.ndarray], grid: PlaneGrid) -> np.ndarray:
     """bool [H, W]: voxels whose centre an odd number of contours [N, 2] encloses, so that inner contours are holes."""
     _, rows, columns = grid.shape
     crossed = np.zeros((rows, columns + 1), np.int32)

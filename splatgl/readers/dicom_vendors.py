@@ -224,14 +224,14 @@ def suv_factor(tags: Any) -> tuple[float, str]:
         if not activity > 0:
             return 1.0, "values are counts, not SUV: the header has no factor to Bq/ml"
         factor, reason = _from_activity(tags)
-        return (factor * activity, f"{SUV}, from counts by the vendor's factor") if factor else (1.0, _refuse(reason))
+        return (factor * activity, f"{SUV}, from counts by the vendor's factor") if factor else (1.0, _reject(reason))
     if units != "BQML":
         return 1.0, f"values are in {units or 'an unknown unit'}, not SUV"
     factor, reason = _from_activity(tags)
-    return (factor, f"{SUV}, from Bq/ml by the header's weight, dose and decay") if factor else (1.0, _refuse(reason))
+    return (factor, f"{SUV}, from Bq/ml by the header's weight, dose and decay") if factor else (1.0, _reject(reason))
 
 
-def _refuse(reason: str) -> str:
+def _reject(reason: str) -> str:
     return f"values are as stored, not SUV: {reason}"
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from splatgl.data.affine import (
     METRES,
     Coordinate,
-    Lattice,
+    CoordinateGrid,
     curved_notes,
     make_lattice,
     metres_in,
@@ -36,7 +36,7 @@ from splatgl.data.affine import (
 from splatgl.data.arrays import Transposed
 from splatgl.data.times import Times, seconds_in
 from splatgl.data.volume import Volume
-from splatgl.errors import Choice, InputError, expected, import_extra
+from splatgl.errors import InputError, MissingOption, expected, import_extra
 from splatgl.readers import hdf5_layouts
 from splatgl.readers.channels import (
     COLOR_NOTE,
@@ -61,7 +61,7 @@ from splatgl.readers.hdf5_files import (
     probe,
     read_samples,
 )
-from splatgl.readers.hdf5_layouts import Scale, axis_scales, default_dataset, layout_grid, layout_kinds
+from splatgl.readers.hdf5_layouts import AxisScale, axis_scales, default_dataset, layout_grid, layout_kinds
 from splatgl.readers.options import LoadOptions
 
 # attributes with the steps along a dataset's axes in their order, or one step for all; the first attribute counts
@@ -138,7 +138,7 @@ def _is_color_axis(dataset: Any, axis: int, kinds: list[str]) -> bool:
     return placed and kinds[axis] == "c" and is_color_rule(dataset.dtype, dataset.shape[axis])
 
 
-def _read_colors(grid: Lattice, samples: Any, axes: list[int], colors: int, about: dict[str, Any]) -> Volume:
+def _read_colors(grid: CoordinateGrid, samples: Any, axes: list[int], colors: int, about: dict[str, Any]) -> Volume:
     """The volume of samples along the axes of space and of colours."""
     if not isinstance(samples, np.ndarray) or any(places is not None for places in grid.between):
         raise expected("colours", "an even grid in one part", "another", "pick one with channel=0 … channel=2")
@@ -206,7 +206,7 @@ def choose_dataset(
         raise expected("datasets", "one of numbers with three axes of space", listed)
     fix = "pick one with array=/NAME, or FILE:/NAME"
     error = expected("datasets", "one volume", f"{len(volumes)} in {listed}", fix)
-    raise Choice(str(error), "array", [])
+    raise MissingOption(str(error), "array", [])
 
 
 def array_error(nodes: dict[str, Any], node: Any, options: LoadOptions) -> InputError:
@@ -274,7 +274,7 @@ def _read_packing(dataset: Any) -> Packing | None:
     return Packing.of(stated, dataset.dtype, attribute_text(dataset, "_Unsigned"))
 
 
-def _grid(path: Path, dataset: Any, axes: list[int], options: LoadOptions) -> tuple[Lattice, str | None]:
+def _grid(path: Path, dataset: Any, axes: list[int], options: LoadOptions) -> tuple[CoordinateGrid, str | None]:
     """The grid of the axes of space, and its frame if the program has one."""
     stated = layout_grid(dataset)
     if stated is not None:
@@ -300,7 +300,7 @@ def _grid(path: Path, dataset: Any, axes: list[int], options: LoadOptions) -> tu
     return replace(grid, notes=(*grid.notes, *curved)), None
 
 
-def _read_scale(path: Path, scale: Scale, size: int, options: LoadOptions) -> np.ndarray:
+def _read_scale(path: Path, scale: AxisScale, size: int, options: LoadOptions) -> np.ndarray:
     places = read_samples(path, scale.node, [slice(None)], options.anywhere)
     return scale.spread(np.asarray(places[:], np.float64), size)
 
@@ -334,7 +334,7 @@ def _value_unit(dataset: Any) -> str:
     return "" if metres_in(unit) else value_unit_name(unit)
 
 
-def _is_scale(scale: Scale | None, size: int) -> bool:
+def _is_scale(scale: AxisScale | None, size: int) -> bool:
     # for a dimension without coordinates NetCDF writes a scale with this name
     none = "This is a netCDF dimension but not"
     plain = scale is not None and size <= MOST_VALUES and scale.fits(size)
@@ -392,7 +392,7 @@ class _Variable:
         self.dtype = np.dtype(variable.dtype)
         self.attrs = _Attributes({name: variable.getncattr(name) for name in variable.ncattrs()})
         self.attrs["DIMENSION_LABELS"] = list(variable.dimensions)
-        self.scales: list[Scale | None] = []
+        self.scales: list[AxisScale | None] = []
 
     def __getitem__(self, key: Any) -> np.ndarray:
         return np.asarray(self.variable[key])
@@ -409,7 +409,7 @@ def _open(path: Path) -> dict[str, Any]:
     nodes = {name: _Variable(variable) for name, variable in file.variables.items()}
     for node in nodes.values():
         known = [nodes.get(name) for name in node.variable.dimensions]
-        node.scales = [None if scale is None else Scale(scale, scale.name[1:]) for scale in known]
+        node.scales = [None if scale is None else AxisScale(scale, scale.name[1:]) for scale in known]
     return {node.name: node for node in nodes.values()}
 
 

@@ -213,7 +213,7 @@ def read_samples(
     offset = dataset.id.get_offset() if is_hdf5 and not (dataset.external or dataset.chunks) else None
     if offset is not None and packed is None:
         return map_array(path, int(offset), dataset.dtype, dataset.shape)[tuple(index)]
-    part = _Part(path, dataset, index, packed)
+    part = _ArraySource(path, dataset, index, packed)
     if byte_count(part.free, part.dtype) > held_within_budget(WHOLE_BYTES):
         return Chunked(str(path), part, part.index, part, part.form)
     if is_hdf5 and not anywhere:
@@ -278,7 +278,7 @@ def _is_available(code: int) -> bool:
     return (code in _FILTERS or code in _PLUGINS) and bool(h5py.h5z.filter_avail(code))
 
 
-class _Part(Stored):
+class _ArraySource(Stored):
     """An array with h5py's names for `Chunked`, and its file. Chunks of HDF5 are checked before HDF5 decodes them."""
 
     def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: AnyPacking | None) -> None:

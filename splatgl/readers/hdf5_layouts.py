@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import Lattice, axis_kind, volume_on_grid
+from splatgl.data.affine import CoordinateGrid, axis_kind, volume_on_grid
 from splatgl.data.times import Times, seconds_in
 from splatgl.data.volume import Lengths, Volume
 from splatgl.errors import expected
@@ -49,7 +49,7 @@ _EMD_UNITS = {"[n_m]": "nm", "[u_m]": "um", "[m_m]": "mm", "A": "Å", "[Å]": "�
 
 
 @dataclass(frozen=True)
-class Scale:
+class AxisScale:
     """Coordinates along an axis: their dataset, and the axis's name. ends: whether two stand for even ones, by EMD;
     faces: whether one more than there are samples are the faces of voxels, by NeXus.
     """
@@ -78,14 +78,14 @@ class Scale:
         return (places[1:] + places[:-1]) / 2 if len(places) == size + 1 else places
 
 
-def axis_scales(dataset: Any) -> list[Scale | None]:
+def axis_scales(dataset: Any) -> list[AxisScale | None]:
     """The coordinates of each axis, None for an axis without any: dimension scales, or those of EMD or NeXus."""
     if hasattr(dataset, "scales"):
         return list(dataset.scales)
     scales = dimension_scales(dataset)
     if any(scale is not None for scale in scales):
-        return [None if node is None else Scale(node, _last_name(node)) for node in scales]
-    none: list[Scale | None] = [None] * len(dataset.shape)
+        return [None if node is None else AxisScale(node, _last_name(node)) for node in scales]
+    none: list[AxisScale | None] = [None] * len(dataset.shape)
     if not hasattr(dataset, "parent"):
         return none
     parent = dataset.parent
@@ -93,19 +93,19 @@ def axis_scales(dataset: Any) -> list[Scale | None]:
         return _emd_scales(dataset, parent) or none
     names = _nexus_axes(dataset, parent)
     nodes = [find_node(dataset.file, f"{parent.name}/{name}", anywhere=False) if name else None for name in names]
-    return [Scale(node, _last_name(node), faces=True) if hasattr(node, "shape") else None for node in nodes] or none
+    return [AxisScale(node, _last_name(node), faces=True) if hasattr(node, "shape") else None for node in nodes] or none
 
 
 def _last_name(node: Any) -> str:
     return str(node.name).rsplit("/", 1)[-1]
 
 
-def _emd_scales(dataset: Any, parent: Any) -> list[Scale | None]:
+def _emd_scales(dataset: Any, parent: Any) -> list[AxisScale | None]:
     """The scales in dim1, dim2, … beside the data, or in dim0, dim1, …; [] without any."""
     numbers = sorted(int(name[3:]) for name in parent if re.fullmatch("dim[0-9]{1,3}", name))[: len(dataset.shape)]
     nodes = [find_node(dataset.file, f"{parent.name}/dim{number}", anywhere=False) for number in numbers]
-    scales: list[Scale | None] = [
-        Scale(node, attribute_text(node, "name") or _last_name(node), ends=True) if hasattr(node, "shape") else None
+    scales: list[AxisScale | None] = [
+        AxisScale(node, attribute_text(node, "name") or _last_name(node), ends=True) if hasattr(node, "shape") else None
         for node in nodes
     ]
     return scales if len(scales) == len(dataset.shape) else []
@@ -128,7 +128,7 @@ def _nexus_axes(dataset: Any, parent: Any) -> list[str]:
     return placed if any(placed) else []
 
 
-def layout_kinds(dataset: Any, scales: Sequence[Scale | None], names: Sequence[str]) -> list[str]:
+def layout_kinds(dataset: Any, scales: Sequence[AxisScale | None], names: Sequence[str]) -> list[str]:
     """The kind of each axis, see `axis_kind`. names: labels of the axes, or [].
 
     Of more than three axes, one with coordinates in a unit of time is time.
@@ -160,7 +160,7 @@ def _is_velox(dataset: Any) -> bool:
     return re.fullmatch("/Data/Image/[^/]+/Data", str(dataset.name)) is not None and len(dataset.shape) == 3
 
 
-def layout_grid(dataset: Any) -> tuple[Lattice, str | None] | None:
+def layout_grid(dataset: Any) -> tuple[CoordinateGrid, str | None] | None:
     """The grid of x, y, z and its frame, if the program writes them without coordinates; else None."""
     if not hasattr(dataset, "parent"):
         return None
@@ -180,7 +180,7 @@ def layout_grid(dataset: Any) -> tuple[Lattice, str | None] | None:
     return _velox_grid(dataset, parent) if _is_velox(dataset) else None
 
 
-def _velox_grid(dataset: Any, parent: Any) -> tuple[Lattice, None] | None:
+def _velox_grid(dataset: Any, parent: Any) -> tuple[CoordinateGrid, None] | None:
     """The size of pixels in the first frame's description, which is text in a column of bytes."""
     node = find_node(dataset.file, f"{parent.name}/Metadata", anywhere=False)
     if not hasattr(node, "shape") or node.dtype != np.uint8 or len(node.shape) != 2 or node.shape[0] > _MOST_BYTES:
@@ -203,9 +203,9 @@ def _numbers(parent: Any, name: str, default: np.ndarray) -> np.ndarray:
     return np.asarray(node[()], np.float64).ravel()
 
 
-def _plain_grid(matrix: np.ndarray, origin: np.ndarray, unit: str, *notes: str) -> Lattice:
+def _plain_grid(matrix: np.ndarray, origin: np.ndarray, unit: str, *notes: str) -> CoordinateGrid:
     none = (None, None, None)
-    return Lattice(matrix, origin.tolist(), unit, none, none, notes)
+    return CoordinateGrid(matrix, origin.tolist(), unit, none, none, notes)
 
 
 def default_dataset(file: Any, names: Sequence[str]) -> str | None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.data.fills import custom_fills, format_numbers
-from splatgl.data.volume import Axis, Hints, Volume
+from splatgl.data.volume import AxisCoordinate, Hints, Volume
 from splatgl.errors import expected
 from splatgl.fileio import require_memory
 from splatgl.readers.channels import mark_microscope, split_colors
@@ -57,7 +57,7 @@ _HINTS = Hints(
 
 
 @dataclass(frozen=True)
-class Survey:
+class HeightMetadata:
     """Metadata of a height map. step: widths of a pixel along x and y in `unit`, None if unknown. missing: number for
     no data. Heights are slope · stored + offset. notes: on assumptions. is_south_first: whether row 0 is the southern.
     """
@@ -157,10 +157,10 @@ def _parse_rows(path: Path) -> np.ndarray:
     return np.array([[np.nan if cell in none else float(cell) for cell in row] for row in rows])
 
 
-def make_terrain(path: Path, rows: np.ndarray, options: LoadOptions, survey: Survey | None = None) -> Volume:
+def make_terrain(path: Path, rows: np.ndarray, options: LoadOptions, survey: HeightMetadata | None = None) -> Volume:
     """The terrain of heights [H, W], row 0 the northern edge, with holes for missing ones, sized by the survey."""
     _check_columns(path, rows.shape[1], rows.shape[0], options.levels)
-    color, survey = _load_color(options), survey or Survey()
+    color, survey = _load_color(options), survey or HeightMetadata()
     if options.relief is not None and options.spacing is not None:
         raise expected("relief", "no value beside spacing, whose z is the height of a level", options.relief)
     values, new_notes = _mask_missing(rows if survey.is_south_first else rows[::-1], survey.missing)
@@ -172,8 +172,8 @@ def make_terrain(path: Path, rows: np.ndarray, options: LoadOptions, survey: Sur
     if survey.step is not None:
         relief = options.relief or most - least or min(survey.step)
         spacing = (*survey.step, relief / (options.levels - 1))
-    height = Axis("height", survey.unit, (most - least) / (spacing[2] * (options.levels - 1)), least)
-    axes = (Axis("x", survey.unit), Axis("y", survey.unit), height)
+    height = AxisCoordinate("height", survey.unit, (most - least) / (spacing[2] * (options.levels - 1)), least)
+    axes = (AxisCoordinate("x", survey.unit), AxisCoordinate("y", survey.unit), height)
     return replace(volume, spacing=spacing, unit=survey.unit, notes=notes, axes=axes)
 
 

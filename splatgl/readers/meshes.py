@@ -245,7 +245,7 @@ VTK_PREFIX = "vtk"
 
 
 @dataclass(frozen=True, eq=False)
-class Numbers:
+class MeshArray:
     """An array's name, and its values float64 [N] or colors uint8 [N, 3], of points, or of cells if `of_cells`."""
 
     name: str
@@ -254,7 +254,7 @@ class Numbers:
     of_cells: bool = False
 
 
-def select_numbers(file: VtkXml, piece: Element, counts: tuple[int, int], array: str | None) -> Numbers | None:
+def select_numbers(file: VtkXml, piece: Element, counts: tuple[int, int], array: str | None) -> MeshArray | None:
     """Numbers that colour a piece of VTK's PolyData: the array of that name, else the active array, else the first with
     one component, of points before cells; None without any. counts: numbers of points and cells.
 
@@ -284,12 +284,12 @@ def select_numbers(file: VtkXml, piece: Element, counts: tuple[int, int], array:
     source, of_cells = chosen
     rows = source.read().reshape(-1, source.components)
     if source.dtype == np.uint8 and source.components in (3, 4):
-        return Numbers(source.name, None, rows[:, :3], of_cells)
+        return MeshArray(source.name, None, rows[:, :3], of_cells)
     values = rows[:, 0] if source.components == 1 else np.linalg.norm(rows.astype(np.float64), axis=1)
-    return Numbers(source.name, values.astype(np.float64), None, of_cells)
+    return MeshArray(source.name, values.astype(np.float64), None, of_cells)
 
 
-def select_ply_numbers(known: Mapping[str, np.ndarray], array: str | None) -> Numbers | None:
+def select_ply_numbers(known: Mapping[str, np.ndarray], array: str | None) -> MeshArray | None:
     """Numbers that colour a PLY file: the vertex property of that name, or `quality`, `scalar…`, `value`, `intensity`,
     or the first that is no coordinate, normal or colour. known: properties by name.
     """
@@ -301,12 +301,12 @@ def select_ply_numbers(known: Mapping[str, np.ndarray], array: str | None) -> Nu
     if array is not None:
         if array not in known:
             raise expected("array", f"one of {', '.join(shown) or 'none'}", repr(array))
-        return Numbers(array, known[array].reshape(-1).astype(np.float64))
+        return MeshArray(array, known[array].reshape(-1).astype(np.float64))
     ranked = sorted(shown, key=lambda name: next((n for n, entry in enumerate(PREFERRED) if name.startswith(entry)), 9))
-    return Numbers(ranked[0], known[ranked[0]].reshape(-1).astype(np.float64)) if ranked else None
+    return MeshArray(ranked[0], known[ranked[0]].reshape(-1).astype(np.float64)) if ranked else None
 
 
-def assign_numbers(mesh: Mesh, numbers: Numbers | None, points: np.ndarray) -> Mesh:
+def assign_numbers(mesh: Mesh, numbers: MeshArray | None, points: np.ndarray) -> Mesh:
     """A mesh with the numbers of points. points [N]: the point number of each vertex."""
     if numbers is None:
         return mesh
@@ -324,7 +324,7 @@ def _separate_corners(mesh: Mesh) -> Mesh:
     )
 
 
-def assign_cell_numbers(mesh: Mesh, numbers: Numbers, cells: np.ndarray) -> Mesh:
+def assign_cell_numbers(mesh: Mesh, numbers: MeshArray, cells: np.ndarray) -> Mesh:
     """A mesh with the numbers of cells, whose triangles share no vertices. cells [M]: cell number of each triangle."""
     return assign_numbers(_separate_corners(mesh), numbers, np.repeat(cells, 3))
 

@@ -80,7 +80,7 @@ class Planes:
 
 
 @dataclass(frozen=True)
-class Image:
+class MicroscopeImage:
     """An image of a file: a letter for each axis (see ORDER) and its size, a function that returns the samples as an
     array or `Planes`, its channels, the spacing of voxels, seconds between time points, and the number of planes that
     are not stored.
@@ -114,7 +114,7 @@ def even_spacing(x: float, y: float, z: float) -> Triple:
     return known[0] or 1.0, known[1] or known[0] or 1.0, known[2] or known[0] or 1.0
 
 
-def read_image(path: Path, form: str, images: Sequence[Image], options: LoadOptions, file: OneFile) -> Volume:
+def read_image(path: Path, form: str, images: Sequence[MicroscopeImage], options: LoadOptions, file: OneFile) -> Volume:
     """The volume of the image that `series` picks, else of the largest stack. form: the format's name.
 
     `channel` picks channels, `time` a time point, `array` an entry along an axis that is none of these. An image
@@ -128,7 +128,7 @@ def read_image(path: Path, form: str, images: Sequence[Image], options: LoadOpti
     together = any(channel.color for channel in channels)
     channel_set = ChannelSet(channels, together, sizes.get("T", 1), image.step, sizes.get("S", 1))
     if all(axis in ORDER for axis in image.axes):
-        options.refuse("array", f"an axis beside time, channels and space, where this has {image.axes}")
+        options.reject("array", f"an axis beside time, channels and space, where this has {image.axes}")
 
     def read_one(channel: int | None) -> Volume:
         # a colour's components are numbered where there are no channels
@@ -209,7 +209,7 @@ def _open_lif(path: Path) -> Iterator[Any]:
         yield file
 
 
-def _find_lif_images(file: Any) -> list[Image]:
+def _find_lif_images(file: Any) -> list[MicroscopeImage]:
     """The images with axes x and y, without histograms of lifetimes."""
     images = []
     for source in file.images:
@@ -222,7 +222,9 @@ def _find_lif_images(file: Any) -> list[Image]:
         spacing, unit, step = _read_steps(source.xml_element)
         channels = _read_channels(source.xml_element)
         turned = "".join(axes[n] for n in order)
-        images.append(Image(source.path, turned, tuple(shape[n] for n in order), load, channels, spacing, unit, step))
+        images.append(
+            MicroscopeImage(source.path, turned, tuple(shape[n] for n in order), load, channels, spacing, unit, step)
+        )
     if not images:
         raise expected("LIF", "an image with axes x and y", "none")
     return images
@@ -293,7 +295,7 @@ def _open_nd2(path: Path) -> OneFile:
         raise
 
 
-def _find_nd2_images(path: Path, file: OneFile) -> list[Image]:
+def _find_nd2_images(path: Path, file: OneFile) -> list[MicroscopeImage]:
     """The positions of a file; each has axes T, Z, C or some of them, in the order of its loops."""
     source = file.file
     if source.is_legacy:
@@ -327,7 +329,7 @@ def _find_nd2_images(path: Path, file: OneFile) -> list[Image]:
         read_plane = partial(_read_plane, source, frame, (counts, place, number))
         planes = Planes(sizes, frame[1:] if is_color else plane, dtype, read_plane)
         images.append(
-            Image(
+            MicroscopeImage(
                 name,
                 "".join(axes[n] for n in lead) + "CYX" + "S" * is_color,
                 planes.shape,

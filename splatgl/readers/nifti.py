@@ -69,7 +69,7 @@ def read_analyze(path: Path, options: LoadOptions) -> Volume:
         shape, dtype, start = _shape(fields), fields.get_data_dtype(), int(fields.get_data_offset())
         scaling, affine = _scaling(*fields.get_slope_inter()), fields.get_best_affine()
     read_samples = _open_samples(data, shape, dtype, start, scaling)
-    options.refuse("channel", "several numbers per voxel")
+    options.reject("channel", "several numbers per voxel")
 
     def read_time(time: int) -> np.ndarray:
         return read_samples((*[slice(None)] * 3, *map(int, np.unravel_index(time, shape[3:], order="F"))))
@@ -360,7 +360,7 @@ def _interpret(values: np.ndarray, componented: bool, options: LoadOptions) -> C
         parts = values.view(np.uint8).reshape(*values.shape, -1)
         return (*split_voxels(parts, options)[:3], ())
     if not componented:
-        options.refuse("channel", "several numbers per voxel")
+        options.reject("channel", "several numbers per voxel")
     if values.dtype.kind == "c":
         return magnitudes(values), None, None, (MAGNITUDE_NOTE,)
     if not componented:
@@ -374,7 +374,7 @@ def _index(sizes: tuple[int, ...], options: LoadOptions, whole: int | None) -> t
     times = sizes[3] if len(sizes) > 3 and whole != 3 else 1
     arrays = [axis for axis in range(4, len(sizes)) if sizes[axis] > 1 and axis != whole]
     if not arrays and times == 1:
-        options.refuse("array", "a file of several time points or arrays")
+        options.reject("array", "a file of several time points or arrays")
     notes: tuple[str, ...] = ()
     if len(arrays) == 1 and options.array is None:
         options = replace(options, array=0)

@@ -143,7 +143,7 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
     ]
     picked = {last - axis: "time" if kinds[axis] == "time" else "channel" for axis in others if axis not in whole[:1]}
     if not [axis for axis in others if kinds[axis] != "time"]:
-        options.refuse("channel", "several numbers per voxel")
+        options.reject("channel", "several numbers per voxel")
     samples = stored[options.index(stored.shape, picked)]
     color = vectors = None
     told: tuple[str, ...] = ()

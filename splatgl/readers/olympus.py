@@ -19,7 +19,7 @@ from splatgl.errors import expected, import_extra
 from splatgl.readers.channels import Channel
 from splatgl.readers.chunked import OneFile
 from splatgl.readers.common import decoder_errors, parse_number, require_plausible
-from splatgl.readers.microscopes import Image, Planes, check_planes, even_spacing, read_image
+from splatgl.readers.microscopes import MicroscopeImage, Planes, check_planes, even_spacing, read_image
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff import logged_errors
 from splatgl.readers.tiff_images import list_series
@@ -100,7 +100,7 @@ def _check_chains(table: np.ndarray) -> None:
         raise expected("sectors", "chains that end", "one that leads back to itself", "the file is damaged")
 
 
-def _find_image(path: Path, file: OneFile) -> Image:
+def _find_image(path: Path, file: OneFile) -> MicroscopeImage:
     source = file.file
     # 1. planes by their index, as their names have it
     planes, letters = dict[tuple[int, ...], str](), ""
@@ -125,7 +125,9 @@ def _find_image(path: Path, file: OneFile) -> Image:
     channels = _read_channels(settings, counts[letters.index("C")] if "C" in letters else 1)
     unit = "um" if "X" in units else ""
     step, missing = steps.get("T") or None, math.prod(counts) - len(planes)
-    return Image(path.stem, letters + "YX", array.shape, lambda: array, channels, spacing, unit, step, missing)
+    return MicroscopeImage(
+        path.stem, letters + "YX", array.shape, lambda: array, channels, spacing, unit, step, missing
+    )
 
 
 def _read_plane(source: Any, planes: dict[tuple[int, ...], str], index: tuple[int, ...]) -> np.ndarray | None:

@@ -22,7 +22,7 @@ from splatgl.data.affine import (
 )
 from splatgl.data.times import Times, seconds_in
 from splatgl.data.volume import Hints, Label, Lengths, Triple, Volume
-from splatgl.errors import Choice, expected, import_extra, list_names
+from splatgl.errors import MissingOption, expected, import_extra, list_names
 from splatgl.fileio import WHOLE_BYTES, byte_count, held_within_budget
 from splatgl.readers.channels import MOST_CHANNELS, Channel, ChannelSet, hex_color, mark_microscope, parse_window
 from splatgl.readers.chunked import Chunked, TransposedChunks
@@ -506,7 +506,7 @@ def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOption
         fix = f"pick one with array=NAME; there are: {', '.join(names)}"
         error = expected("array", "the name of one array", got, fix)
         listed = [(key, _describe_array(array)) for key, array in arrays if key in names]
-        raise Choice(str(error), "array", listed) if options.array is None else error
+        raise MissingOption(str(error), "array", listed) if options.array is None else error
     return node
 
 

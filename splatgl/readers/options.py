@@ -14,8 +14,8 @@ import numpy as np
 
 from splatgl.data.times import is_time
 from splatgl.data.volume import Triple, Volume
-from splatgl.errors import Choice, InputError, expected
-from splatgl.options import Group, Kind, check_options, checked, declared, non_default, option, refuse_unknown
+from splatgl.errors import InputError, MissingOption, expected
+from splatgl.options import HelpGroup, ValueKind, check_options, checked, declared, non_default, option, reject_unknown
 from splatgl.readers.contents import OTHER_GZIP, PACKINGS
 
 # endings of files that hold named datasets
@@ -99,14 +99,14 @@ def _text(value: Any) -> str:
 def _channel(value: Any) -> int | str:
     if isinstance(value, str) and not re.fullmatch("[0-9]{1,6}", value):
         return value
-    return Kind.whole(0, this="zero or more").check(int(value) if isinstance(value, str) else value)
+    return ValueKind.whole(0, this="zero or more").check(int(value) if isinstance(value, str) else value)
 
 
 def _time(value: Any) -> int | str:
     """A number of a time point, or the text of a time; numbers that are not whole are times. ValueError for others."""
     if isinstance(value, float | np.floating):
         return repr(float(value))
-    return value if isinstance(value, str) and is_time(value) else Kind.whole(0).check(value)
+    return value if isinstance(value, str) and is_time(value) else ValueKind.whole(0).check(value)
 
 
 def read_time(text: str) -> int | slice | str:
@@ -136,7 +136,7 @@ def _read_pairs(text: str) -> tuple[tuple[str, str], ...]:
     return tuple((name.strip(), value.strip()) for name, _, value in pairs)
 
 
-_option = partial(option, group=Group.READING)
+_option = partial(option, group=HelpGroup.READING)
 
 
 @dataclass(frozen=True)
@@ -150,32 +150,34 @@ class LoadOptions:
 
     shape: tuple[int, int, int] | None = _option(
         None,
-        Kind.numbers(3, "X,Y,Z", "three positive whole numbers (x, y, z)", integers=True, positive=True),
+        ValueKind.numbers(3, "X,Y,Z", "three positive whole numbers (x, y, z)", integers=True, positive=True),
         "voxels along x, y, z of a headerless file",
     )
     dtype: str | None = _option(
         None,
-        Kind("the name of a type", _dtype, metavar="TYPE", hint="str"),
+        ValueKind("the name of a type", _dtype, metavar="TYPE", hint="str"),
         "sample type of a headerless file, such as uint8, int16, >u2 or float32",
     )
     spacing: Triple | None = _option(
         None,
-        Kind.numbers(3, "X,Y,Z", "three positive numbers (x, y, z)", positive=True),
+        ValueKind.numbers(3, "X,Y,Z", "three positive numbers (x, y, z)", positive=True),
         "voxel spacing, instead of the file's, in its unit",
         level="basic",
     )
     header_offset: int = _option(
         0,
-        Kind.whole(0, this="zero or more bytes", metavar="BYTES"),
+        ValueKind.whole(0, this="zero or more bytes", metavar="BYTES"),
         "bytes to skip in a headerless file",
         flag="--offset",
     )
     array: str | int | None = _option(
-        None, Kind("a name or a number", _text, hint="str | int"), "array, block or step of a file that holds several"
+        None,
+        ValueKind("a name or a number", _text, hint="str | int"),
+        "array, block or step of a file that holds several",
     )
     channel: int | str | None = _option(
         None,
-        Kind(
+        ValueKind(
             "a number of zero or more, a name, several of them, or all", _channel, metavar="N|NAME,…", hint="int | str"
         ),
         "number of a channel, from 0. Of TIFF, Zarr and Imaris also its name, several, or all",
@@ -183,7 +185,7 @@ class LoadOptions:
     )
     time: int | str | None = _option(
         None,
-        Kind(
+        ValueKind(
             "zero or more, or a time such as 1.5s",
             _time,
             read_time,
@@ -196,49 +198,51 @@ class LoadOptions:
     )
     level: int | None = _option(
         None,
-        Kind.whole(0, this="zero or more"),
+        ValueKind.whole(0, this="zero or more"),
         "level of a multiscale OME-Zarr or TIFF image, 0 is the finest (by the view)",
     )
     series: str | int | None = _option(
         None,
-        Kind("a number or the end of a UID", _text, metavar="N|UID", hint="str | int"),
+        ValueKind("a number or the end of a UID", _text, metavar="N|UID", hint="str | int"),
         "DICOM series, or image, scene or position of a file: its number in splatgl info, UID or name",
     )
     well: str | None = _option(
-        None, Kind("the path of a well", _text, metavar="ROW/COLUMN", hint="str"), "well of a plate, such as B/3"
+        None, ValueKind("the path of a well", _text, metavar="ROW/COLUMN", hint="str"), "well of a plate, such as B/3"
     )
-    field: int | None = _option(None, Kind.whole(0, this="zero or more"), "number of a field of a plate's well, from 0")
+    field: int | None = _option(
+        None, ValueKind.whole(0, this="zero or more"), "number of a field of a plate's well, from 0"
+    )
     color: str | Path | None = _option(
         None,
-        Kind.instance("the path of a picture", str, Path, metavar="PICTURE"),
+        ValueKind.instance("the path of a picture", str, Path, metavar="PICTURE"),
         "colour picture laid over a height map",
     )
     relief: float | None = _option(
         None,
-        Kind.number("a positive height in world units", 0, above=True, metavar="L"),
+        ValueKind.number("a positive height in world units", 0, above=True, metavar="L"),
         "height of a height map's relief, world units",
     )
-    levels: int = option(DEFAULT_LEVELS, Kind.whole(2, this="two or more voxel levels"))
+    levels: int = option(DEFAULT_LEVELS, ValueKind.whole(2, this="two or more voxel levels"))
     values: str | None = _option(
         None,
-        Kind.choice(VALUES, "labels, amounts or heights"),
+        ValueKind.choice(VALUES, "labels, amounts or heights"),
         "meaning of samples. Default: as the file says, else labels if equal samples lie in flat areas",
     )
     point_size: float | None = _option(
         None,
-        Kind.number("a positive length in world units", 0, above=True, metavar="L"),
+        ValueKind.number("a positive length in world units", 0, above=True, metavar="L"),
         "diameter of a cloud's points, world units (default: the file's, else their spacing)",
     )
     anywhere: bool = _option(
         False,
-        Kind.flag(),
+        ValueKind.flag(),
         "read the data of a detached header outside its folder, too. For trusted files only",
         bare=True,
     )
 
     own: tuple[tuple[str, Any], ...] | None = _option(
         None,
-        Kind(
+        ValueKind(
             "names and values of options",
             _check_pairs,
             _read_pairs,
@@ -283,7 +287,7 @@ class LoadOptions:
                 fix = f"pick one with {name}=0 … {name}={count - 1}"
                 error = expected("axes", "one sample per voxel", f"{count} along an extra axis", fix)
                 place = f"along one axis of {' × '.join(map(str, shape))}"
-                raise Choice(str(error), name, [(f"0 … {count - 1}", place)])
+                raise MissingOption(str(error), name, [(f"0 … {count - 1}", place)])
             index[axis] = entry or 0
         return tuple(index)
 
@@ -293,7 +297,7 @@ class LoadOptions:
             raise expected("level", f"a number from 0 to {count - 1}", self.level)
         return range(count) if self.level is None else range(self.level, self.level + 1)
 
-    def refuse(self, name: str, this: str) -> None:
+    def reject(self, name: str, this: str) -> None:
         """InputError for an option that the file does not support; 0 is accepted. this: files that support it."""
         value = getattr(self, name)
         if value not in (None, 0, "0"):
@@ -330,19 +334,19 @@ class Format:
     any. reader: returns the volume of a path and `LoadOptions`. own: dataclass of options, fields by `option`, that no
     other format has; the reader gets an instance of it as a third argument.
 
-    starts: kinds of contents (contents.py) beside the title; "?" bytes of no known kind, "*" any bytes. kinds: a volume
-    is a "file", a "folder", or either. tells: function of a path (module.function) that recognizes the format by the
-    contents of a file or folder. lists: function that returns a line for each volume in it.
+    signatures: kinds of contents (contents.py) next to the title; "?" bytes of no known kind, "*" any bytes. kinds: a
+    volume is a "file", a "folder", or either. detect: function of a path (module.function) that recognizes the format
+    by the contents of a file or folder. list_volumes: function that returns a line for each volume in it.
     """
 
     title: str
     suffixes: tuple[str, ...]
     reader: str | Callable[..., Volume]
-    takes: tuple[str, ...] = ()
-    starts: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()
+    signatures: tuple[str, ...] = ()
     kinds: tuple[str, ...] = ("file",)
-    tells: str | Callable[[Path], bool] = ""
-    lists: str | Callable[[Path], list[str]] = ""
+    detect: str | Callable[[Path], bool] = ""
+    list_volumes: str | Callable[[Path], list[str]] = ""
     own: type | None = None
 
     def own_options(self, options: LoadOptions) -> tuple[Any, ...]:
@@ -350,7 +354,7 @@ class Format:
         if self.own is None:
             return ()
         known, given = declared(self.own), dict(options.own or ())
-        refuse_unknown("own", given, known, f"some of {', '.join(known)} for {self.title}")
+        reject_unknown("own", given, known, f"some of {', '.join(known)} for {self.title}")
         read = {}
         for name, value in given.items():
             kind = known[name].kind
@@ -386,7 +390,7 @@ FORMATS = (
     ),
     Format("MGH", (".mgh",), "nifti.read_mgh", ("array",), ("?",)),
     Format("MGH, gzipped", (".mgz",), "nifti.read_mgh", ("array",), ("gzip",)),
-    Format("TIFF", (".tif", ".tiff", ".lsm"), "tiff.read", (*_TIFF, *_TERRAIN), lists="tiff.list_images"),
+    Format("TIFF", (".tif", ".tiff", ".lsm"), "tiff.read", (*_TIFF, *_TERRAIN), list_volumes="tiff.list_images"),
     Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "time", "anywhere"), ("?",)),
     Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
     Format("VTK grid", (".vti", ".vtr"), "vtk_xml.read", ("array", "channel"), ("XML",)),
@@ -405,8 +409,8 @@ FORMATS = (
     Format(
         "MRC, compressed", (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2"), "mrc.read", ("array",), ("gzip", "bzip2")
     ),
-    Format("HDF5", HDF5, "hdf5.read", _HDF5, lists="hdf5.list_datasets"),
-    Format("NetCDF-3", (".nc", ".cdf", ".nc3"), "hdf5.read_netcdf", _HDF5, lists="hdf5.list_variables"),
+    Format("HDF5", HDF5, "hdf5.read", _HDF5, list_volumes="hdf5.list_datasets"),
+    Format("NetCDF-3", (".nc", ".cdf", ".nc3"), "hdf5.read_netcdf", _HDF5, list_volumes="hdf5.list_variables"),
     Format(
         "Imaris", (".ims",), "hdf5_layouts.read_imaris", ("array", "channel", "level", "time", "anywhere"), ("HDF5",)
     ),
@@ -416,22 +420,29 @@ FORMATS = (
         "bigdataviewer.read",
         ("channel", "level", "time", "series", "anywhere"),
         ("XML",),
-        lists="bigdataviewer.list_images",
+        list_volumes="bigdataviewer.list_images",
     ),
-    Format("CZI", (".czi",), "czi.read", _MICROSCOPE, lists="czi.list_images"),
-    Format("LIF", (".lif",), "microscopes.read_lif", _MICROSCOPE, lists="microscopes.list_lif"),
-    Format("ND2", (".nd2",), "microscopes.read_nd2", _MICROSCOPE, ("JPEG 2000",), lists="microscopes.list_nd2"),
-    Format("OIB", (".oib", ".oif"), "olympus.read", _MICROSCOPE, ("?", "a compound file"), lists="olympus.list_images"),
+    Format("CZI", (".czi",), "czi.read", _MICROSCOPE, list_volumes="czi.list_images"),
+    Format("LIF", (".lif",), "microscopes.read_lif", _MICROSCOPE, list_volumes="microscopes.list_lif"),
+    Format("ND2", (".nd2",), "microscopes.read_nd2", _MICROSCOPE, ("JPEG 2000",), list_volumes="microscopes.list_nd2"),
+    Format(
+        "OIB",
+        (".oib", ".oif"),
+        "olympus.read",
+        _MICROSCOPE,
+        ("?", "a compound file"),
+        list_volumes="olympus.list_images",
+    ),
     Format(
         "Zarr",
         (".zarr",),
         "ome_zarr.read",
         _ZARR,
         kinds=("folder",),
-        tells="ome_zarr.is_store",
-        lists="ome_zarr.list_images",
+        detect="ome_zarr.is_store",
+        list_volumes="ome_zarr.list_images",
     ),
-    Format("Zarr, zipped", (".zarr.zip", ".ozx"), "ome_zarr.read", _ZARR, lists="ome_zarr.list_images"),
+    Format("Zarr, zipped", (".zarr.zip", ".ozx"), "ome_zarr.read", _ZARR, list_volumes="ome_zarr.list_images"),
     Format(
         "DICOM",
         (".dcm", ".dicom", ".ima", ".zip"),
@@ -448,7 +459,7 @@ FORMATS = (
     Format("AFNI", (".head", ".brik", ".brik.gz"), "nibabel_files.read_afni", ("time",), ("?", "gzip", OTHER_GZIP)),
     Format("PAR/REC", (".par",), "nibabel_files.read_parrec", ("time",)),
     Format(
-        "picture slices", (), "image_stack.read", ("channel", "time"), kinds=("folder",), tells="image_stack.is_slices"
+        "picture slices", (), "image_stack.read", ("channel", "time"), kinds=("folder",), detect="image_stack.is_slices"
     ),
     Format("height picture", (".png", ".jpg", ".jpeg", ".bmp"), "heightmap.read_picture", _TERRAIN, _PICTURES),
     Format("height table", (".csv",), "heightmap.read_csv", _TERRAIN, ("?",)),

@@ -24,7 +24,7 @@ _TYPES = {
 }
 
 
-class Property(NamedTuple):
+class PlyProperty(NamedTuple):
     """A property of an element: its name, its dtype, and the dtype of the lengths of lists, "" for numbers."""
 
     name: str
@@ -33,7 +33,7 @@ class Property(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Element:
+class PlyElement:
     """columns: the numbers [N] of each property; lists: of each list the numbers of all rows, and the ends [N] of rows
     among them.
     """
@@ -42,7 +42,7 @@ class Element:
     lists: dict[str, tuple[np.ndarray, np.ndarray]]
 
 
-def read_ply(path: Path, last: str = "") -> dict[str, Element]:
+def read_ply(path: Path, last: str = "") -> dict[str, PlyElement]:
     """The elements of a file by name, up to the element `last`. Raises InputError for other files and for cut ones."""
     with path.open("rb") as file:
         text = file.read(HEADER).partition(b"end_header")[0].decode("ascii", "replace")
@@ -56,7 +56,7 @@ def read_ply(path: Path, last: str = "") -> dict[str, Element]:
         require_memory(there * (NUMBER_BYTES // 2 if is_text else 1), there, "thin it out", "numbers")
         data = file.read()
     cells = np.fromstring(data, np.float64, sep=" ") if is_text else np.frombuffer(data, np.uint8)
-    elements: dict[str, Element] = {}
+    elements: dict[str, PlyElement] = {}
     at = 0
     for stated in re.split(r"(?m)^element[ \t]+", text)[1:]:
         name, count = stated.split()[0], int(stated.split()[1])
@@ -66,7 +66,7 @@ def read_ply(path: Path, last: str = "") -> dict[str, Element]:
     return elements
 
 
-def _properties(element: str, stated: str, order: str) -> list[Property]:
+def _properties(element: str, stated: str, order: str) -> list[PlyProperty]:
     """The properties of an element. order: of bytes; "" for text."""
     properties = []
     for words in re.findall(r"(?m)^property[ \t]+(.+?)\s*$", stated):
@@ -75,13 +75,13 @@ def _properties(element: str, stated: str, order: str) -> list[Property]:
         codes = [_TYPES.get(kind) for kind in (kinds[1:] if is_list else kinds)]
         if None in codes or len(codes) != 1 + is_list:
             raise expected(f"element {element}", "properties of numbers or lists", repr(words)[:80])
-        properties.append(Property(name, *(f"{order}{code}" for code in reversed(codes))))
+        properties.append(PlyProperty(name, *(f"{order}{code}" for code in reversed(codes))))
     if not properties:
         raise expected(f"element {element}", "properties", "none")
     return properties
 
 
-def _read_element(cells: np.ndarray, at: int, count: int, properties: Sequence[Property]) -> tuple[Element, int]:
+def _read_element(cells: np.ndarray, at: int, count: int, properties: Sequence[PlyProperty]) -> tuple[PlyElement, int]:
     """An element of `count` rows from cell `at` on, and the cell behind it. cells: bytes, or numbers of text."""
     is_text = cells.dtype == np.float64
     widths = {code: 1 if is_text else np.dtype(code).itemsize for entry in properties for code in entry[1:] if code}
@@ -89,7 +89,7 @@ def _read_element(cells: np.ndarray, at: int, count: int, properties: Sequence[P
     if not count:
         empty = np.zeros(0, np.int64)
         lists = {entry.name: (empty, empty) for entry in properties if entry.length}
-        return Element({entry.name: empty for entry in properties if not entry.length}, lists), at
+        return PlyElement({entry.name: empty for entry in properties if not entry.length}, lists), at
     # 1. cells of each property: as far apart as in the first row, where all rows have lists of its lengths
     starts, ends, after = _walk(cells, at, 1, properties, widths)
     size = after - at
@@ -114,11 +114,11 @@ def _read_element(cells: np.ndarray, at: int, count: int, properties: Sequence[P
         stops = np.cumsum(lengths)
         within = np.arange(stops[-1]) - np.repeat(stops - lengths, lengths)
         lists[entry.name] = _take(cells, np.repeat(first, lengths) + within * widths[entry.code], entry.code), stops
-    return Element(columns, lists), after
+    return PlyElement(columns, lists), after
 
 
 def _walk(
-    cells: np.ndarray, at: int, count: int, properties: Sequence[Property], widths: dict[str, int]
+    cells: np.ndarray, at: int, count: int, properties: Sequence[PlyProperty], widths: dict[str, int]
 ) -> tuple[list[np.ndarray], list[np.ndarray], int]:
     """The first cell [count] of each property of rows, its lengths [count], and the cell behind all."""
     starts, lengths = np.zeros((2, len(properties), count), np.int64)
@@ -204,7 +204,7 @@ def colors_of(columns: Sequence[np.ndarray]) -> np.ndarray:
 def read_ply_polygons(path: Path) -> Polygons:
     """The polygons of a PLY file, with the colours of its vertices, else of its faces."""
     elements = read_ply(path)
-    none = Element({}, {})
+    none = PlyElement({}, {})
     vertex, face = (elements.get(name, none) for name in ("vertex", "face"))
     if not {"x", "y", "z"} <= vertex.columns.keys():
         raise expected("vertex", "properties x, y and z", ", ".join(vertex.columns) or "none")

@@ -12,7 +12,7 @@ from typing import IO, Any
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.errors import Choice, expected
+from splatgl.errors import MissingOption, expected
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.channels import MAGNITUDE_NOTE, is_color_rule, split_voxels
 from splatgl.readers.common import decoder_errors, grid_shape, map_array, require_bytes, require_plausible
@@ -61,7 +61,7 @@ def _make_volume(array: np.ndarray, options: LoadOptions) -> Volume:
     if shape[3] > 1:
         samples, color, vectors, notes = split_voxels(array.reshape(shape), options)
         return Volume(samples, color=color, vectors=vectors, notes=notes)
-    options.refuse("channel", "several numbers per voxel")
+    options.reject("channel", "several numbers per voxel")
     values = array.reshape(shape[:3])
     if values.dtype.kind != "c":
         return Volume(values)
@@ -117,7 +117,9 @@ def _select_array(headers: dict[str, _Header], options: LoadOptions) -> str:
     if len(volumes) != 1:
         fix = f"pick one with array=NAME; there are: {listed}"
         error = expected("arrays", "one 3-D array of numbers", len(volumes), fix)
-        raise Choice(str(error), "array", [(name, headers[name].about) for name in volumes]) if volumes else error
+        raise (
+            MissingOption(str(error), "array", [(name, headers[name].about) for name in volumes]) if volumes else error
+        )
     return volumes[0]
 
 
@@ -151,7 +153,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
             headers = [header for header in (path.with_suffix(".mhd"), path.with_suffix(".nhdr")) if header.is_file()]
             fix = f"load its header {headers[0].name}" if headers else "give shape=X,Y,Z and dtype=TYPE"
             error = expected(option, f"one in the name (such as {such}) or as an option", "neither", fix)
-            raise Choice(str(error), option, [("bytes", f"{path.stat().st_size:,}")])
+            raise MissingOption(str(error), option, [("bytes", f"{path.stat().st_size:,}")])
     dtype, shape = sample_type(kind), grid_shape([int(size) for size in sizes])
     needed, there = options.header_offset + byte_count(shape, dtype), path.stat().st_size
     if needed != there:

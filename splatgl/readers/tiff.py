@@ -25,7 +25,7 @@ from splatgl.fileio import WHOLE_BYTES, byte_count, held_within_budget, require_
 from splatgl.readers.channels import MAGNITUDE_NOTE, magnitudes, mark_microscope, split_colors
 from splatgl.readers.chunked import Chunked, OneFile, TransposedChunks
 from splatgl.readers.common import decoder_errors, find_data_file, map_array, require_bytes, require_plausible
-from splatgl.readers.heightmap import HEIGHTS, Survey, classify_picture, grey_heights, make_plane, make_terrain
+from splatgl.readers.heightmap import HEIGHTS, HeightMetadata, classify_picture, grey_heights, make_plane, make_terrain
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import (
     Planes,
@@ -107,7 +107,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
 def _read_files(path: Path, tiff: Any, pixels: Element, planes: Planes, options: LoadOptions) -> Volume:
     """The volume of an image of OME-TIFF in several files of a folder; planes of files that are not there are 0."""
     for name in ("array", "level", "series"):
-        options.refuse(name, "one image in one file")
+        options.reject(name, "one image in one file")
     check_page(tiff.pages[0])
     with decoder_errors("OME-XML"):
         channels, times, depth, *size = (int(pixels.get(f"Size{axis}", 1)) for axis in "CTZYX")
@@ -163,7 +163,7 @@ class _Image:
     tiff: Any
     place: int
     pixels: Element | None
-    survey: Survey | None
+    survey: HeightMetadata | None
 
     @property
     def series(self) -> Any:
@@ -229,7 +229,7 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
     z = _stack_axis(series)
     if z is None or (_band_axis(image, series) == z and series.shape[z] <= _MOST_BANDS):
         return _picture_volume(image, series, number, options)
-    _refuse_options(series, z, options)
+    _reject_options(series, z, options)
     size = byte_count(series.shape, series.dtype)
     large = len(levels) > 1 and series.offset is None and size > held_within_budget(WHOLE_BYTES)
     times = dict(zip(series.axes, series.shape, strict=True)).get("T", 1)
@@ -270,7 +270,7 @@ def _picture_volume(image: _Image, series: _Series, number: int, options: LoadOp
     """The terrain or the plane of a single picture; of the bands of a survey one is read."""
     bands, band_note = _band_axis(image, series), ""
     for name in ("array", "time", *["channel"] * (bands is None)):
-        options.refuse(name, "a stack, where this is a single picture")
+        options.reject(name, "a stack, where this is a single picture")
     pixels = _read_pixels(image, series, number)
     if bands is not None:
         band = options.channel_number(pixels.shape[bands]) or 0
@@ -294,18 +294,18 @@ def _band_axis(image: _Image, series: _Series) -> int | None:
     return axis if is_bands else None
 
 
-def _refuse_options(series: _Series, z: int, options: LoadOptions) -> None:
+def _reject_options(series: _Series, z: int, options: LoadOptions) -> None:
     """Raises InputError for options that do not apply to the image."""
     letters = [series.axes[axis] for axis in series.long if axis != z]
     others = [letter for letter in letters if letter not in "YXCS"]
     if not others:
-        options.refuse("array", f"an axis beside z, y, x and channels, where this has {series.axes}")
+        options.reject("array", f"an axis beside z, y, x and channels, where this has {series.axes}")
     if options.values == "heights" or options.color is not None or options.relief is not None:
         name = "values" if options.values == "heights" else "color" if options.color is not None else "relief"
         raise expected(name, "a single picture of heights", f"{series.shape[z]} planes", "leave it out")
 
 
-def _mask_missing(samples: Any, survey: Survey | None) -> Any:
+def _mask_missing(samples: Any, survey: HeightMetadata | None) -> Any:
     """Samples with NaN in place of GDAL's number for no data."""
     if survey is None or survey.missing is None or not isinstance(samples, np.ndarray):
         return samples

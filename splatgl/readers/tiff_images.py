@@ -17,7 +17,7 @@ from splatgl.errors import expected, list_names
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.channels import Channel, ChannelSet, hex_color, parse_window
 from splatgl.readers.common import parse_number
-from splatgl.readers.heightmap import DEGREE, Survey
+from splatgl.readers.heightmap import DEGREE, HeightMetadata
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.vtk_xml import parse_xml
 
@@ -326,7 +326,7 @@ def plane_step(pixels: Element) -> tuple[float, str, str]:
     return abs(step), unit, note
 
 
-def read_survey(page: Any) -> Survey | None:
+def read_survey(page: Any) -> HeightMetadata | None:
     """The survey of heights in the GeoTIFF and GDAL tags of a page; None without these tags."""
     tags = {code: page.tags[code].value for code in (SCALE, TIE, MATRIX, KEYS, METADATA, NODATA) if code in page.tags}
     if not tags:
@@ -350,7 +350,7 @@ def read_survey(page: Any) -> Survey | None:
         step = (step[0] * length, step[1] * length)
     slope, offset = (parse_number(items.get(name), default) for name, default in (("scale", 1.0), ("offset", 0.0)))
     missing = parse_number(str(tags.get(NODATA, "")).strip("\0 "), None)
-    return Survey(step, unit, missing, slope * (upward if unit else 1.0), offset, notes, is_south_first)
+    return HeightMetadata(step, unit, missing, slope * (upward if unit else 1.0), offset, notes, is_south_first)
 
 
 def _pixel_size(tags: Mapping[int, Any]) -> tuple[tuple[float, float] | None, float]:

@@ -91,7 +91,7 @@ class _Mesh:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _Piece:
     """A piece: its cells, its selected array, and the values and vectors (None without) of the cells or points."""
 
     mesh: _Mesh
@@ -156,7 +156,7 @@ def _structured_shape(node: Element) -> Shape:
     return grid_shape([max(extent[axis + 1] - extent[axis] + 1, 1) for axis in (0, 2, 4)], "Extent")
 
 
-def _read_part(file: VtkXml, node: Element, options: LoadOptions) -> _Part:
+def _read_part(file: VtkXml, node: Element, options: LoadOptions) -> _Piece:
     """A piece without cells that other pieces have, too."""
     sizes = _sizes(file, node)
     mesh = _read_mesh(file, node) if file.kind == "UnstructuredGrid" else _read_curved(file, node)
@@ -172,7 +172,7 @@ def _read_part(file: VtkXml, node: Element, options: LoadOptions) -> _Part:
     values, vectors = choice.samples[0, 0], None if choice.vectors is None else choice.vectors[0, 0]
     if choice.of_cells:
         values, vectors = values[mesh.kept], None if vectors is None else vectors[mesh.kept]
-    return _Part(mesh, choice, values, vectors)
+    return _Piece(mesh, choice, values, vectors)
 
 
 def _join(meshes: list[_Mesh]) -> _Mesh:

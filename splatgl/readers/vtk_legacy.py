@@ -16,7 +16,7 @@ import numpy as np
 
 from splatgl.data.affine import Coordinate, make_lattice, volume_on_grid
 from splatgl.data.volume import Volume, triple
-from splatgl.errors import Choice, expected, list_names
+from splatgl.errors import MissingOption, expected, list_names
 from splatgl.fileio import byte_count, decode_text
 from splatgl.readers.channels import COLOR_NOTE, VECTOR_NOTE, is_color_rule, is_vector_rule, split_components
 from splatgl.readers.common import (
@@ -144,7 +144,7 @@ def _component(chosen: PointArray, options: LoadOptions) -> np.ndarray:
     if number is None and count > 1:
         fix = f"pick one with channel=0 … channel={count - 1}"
         error = expected("array", "one number per voxel", f"{count} in {chosen.name!r}", fix)
-        raise Choice(str(error), "channel", [(f"0 … {count - 1}", f"numbers of each voxel in {chosen.name!r}")])
+        raise MissingOption(str(error), "channel", [(f"0 … {count - 1}", f"numbers of each voxel in {chosen.name!r}")])
     return chosen.read()[..., number or 0]
 
 

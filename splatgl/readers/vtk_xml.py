@@ -56,7 +56,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
 def read_parallel(path: Path, options: LoadOptions) -> Volume:
     """The volume of a .pvti or .pvtr file, whose pieces are files in its folder; options as in `read`."""
     parent = parse_vtk(path, ("PImageData", "PRectilinearGrid"))
-    names = [node.get("Source", "") for node in parent.root.findall(f"{parent.kind}/Piece")]
+    names = [node.get("ByteSource", "") for node in parent.root.findall(f"{parent.kind}/Piece")]
     if not names or len(set(names)) < len(names):
         raise expected("Piece", "one file per piece", f"{len(names)} in {len(set(names))} files")
     files = [parse_vtk(find_data_file(path, name, options.anywhere), (parent.kind[1:],)) for name in names]
@@ -153,7 +153,7 @@ class Coding:
 
 
 @dataclass(frozen=True)
-class Source:
+class ByteSource:
     """Coded bytes of `inline` text, or of the file if that is None, from `start` on; raw or base64."""
 
     path: Path
@@ -161,7 +161,7 @@ class Source:
     start: int
     raw: bool
 
-    def at(self, offset: int) -> Source:
+    def at(self, offset: int) -> ByteSource:
         """The source `offset` stored bytes further on."""
         if offset < 0:
             raise expected("offset", "zero or more bytes", offset)
@@ -198,7 +198,7 @@ def parse_ascii(text: str, dtype: np.dtype, shape: Shape4) -> np.ndarray:
     return read_text(io.BytesIO(data), dtype, shape, len(data))
 
 
-def decode(source: Source, coding: Coding, dtype: np.dtype, shape: Shape4) -> np.ndarray:
+def decode(source: ByteSource, coding: Coding, dtype: np.dtype, shape: Shape4) -> np.ndarray:
     """The array [shape] in `source`; uncompressed raw bytes of a file are mapped."""
     needed, width = byte_count(shape, dtype), coding.header.itemsize
     if coding.compressor:
@@ -214,7 +214,7 @@ def decode(source: Source, coding: Coding, dtype: np.dtype, shape: Shape4) -> np
     return np.frombuffer(data, dtype).reshape(shape)
 
 
-def _inflate_blocks(source: Source, coding: Coding, needed: int) -> np.ndarray:
+def _inflate_blocks(source: ByteSource, coding: Coding, needed: int) -> np.ndarray:
     """Inflates blocks; header: number of blocks, bytes of each, of the last, compressed bytes of each."""
     # 1. the header; its first number states its length
     width = coding.header.itemsize
@@ -323,7 +323,7 @@ class VtkXml:
 
     path: Path
     root: Element
-    appended: Source | None
+    appended: ByteSource | None
     coding: Coding
 
     @property
@@ -341,7 +341,7 @@ def parse_vtk(path: Path, kinds: tuple[str, ...]) -> VtkXml:
         tag_end = len(text) + _find_word(data[len(text) :], b">")
         first = tag_end + _find_word(data[tag_end:], b"_") + 1
         raw = b'"raw"' in data[len(text) : tag_end].tobytes()
-        appended = Source(path, None, first, raw)
+        appended = ByteSource(path, None, first, raw)
         text += b"</VTKFile>"
     root = parse_xml(text, "VTK XML")
     if root.tag != "VTKFile" or root.get("type") not in kinds:
@@ -393,7 +393,7 @@ def read_array(file: VtkXml, node: Element, shape: Shape) -> PointArray:
         read: Callable[[], np.ndarray] = partial(parse_ascii, node.text or "", dtype, full)
     elif kind == "binary":
         inline = "".join((node.text or "").split()).encode("ascii", "replace")
-        read = partial(decode, Source(file.path, inline, 0, False), file.coding, dtype, stored)
+        read = partial(decode, ByteSource(file.path, inline, 0, False), file.coding, dtype, stored)
     elif kind == "appended" and file.appended is not None:
         source = file.appended.at(int(parse_numbers(node, "offset", "0", 1)[0]))
         read = partial(decode, source, file.coding, dtype, stored)

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import Coordinate, Lattice, axis_kind, curved_notes, make_lattice
+from splatgl.data.affine import Coordinate, CoordinateGrid, axis_kind, curved_notes, make_lattice
 from splatgl.errors import expected, list_names
 from splatgl.fileio import byte_count
 from splatgl.readers.chunked import CF_NUMBERS, Packing, Stored, file_tag, folder_tag
@@ -281,7 +281,7 @@ def dimension_names(node: Any) -> list[str]:
     return names if len(names) == len(node.shape) else []
 
 
-def read_lattice(group: Any, node: Any, names: Sequence[str], even: bool) -> Lattice:
+def read_lattice(group: Any, node: Any, names: Sequence[str], even: bool) -> CoordinateGrid:
     """The grid by the coordinates along z, y and x; even: whether their places do not count."""
     axes = _read_coordinates(group, node, names)
     grid = make_lattice(axes, even=even)

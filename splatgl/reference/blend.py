@@ -20,14 +20,14 @@ ALMOST_ONE = 1.0 - 2.0**-53
 
 
 @dataclass(frozen=True, eq=False)
-class Sum:
+class CompensatedSum:
     """A compensated sum (Neumaier 1974) of arrays."""
 
     total: np.ndarray
     lost: np.ndarray
 
     @classmethod
-    def zeros(cls, shape: tuple[int, ...]) -> Sum:
+    def zeros(cls, shape: tuple[int, ...]) -> CompensatedSum:
         """An empty sum of that shape."""
         return cls(np.zeros(shape), np.zeros(shape))
 
@@ -45,7 +45,7 @@ class Sum:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class BlendTerms:
     """Pairs of splat and pixel, front to back. pixel int [P]; depth [P]: optical depth, or opacity; color [P, 3];
     coverage [P]: 1 where opacity is not attenuated.
     """
@@ -57,16 +57,16 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Band:
+class Accumulator:
     """Accumulators of pixels [n]: sum or maximum of alpha, and of colour [n, 3]."""
 
-    depth: Sum
-    color: Sum
+    depth: CompensatedSum
+    color: CompensatedSum
 
     @classmethod
-    def empty(cls, pixels: int) -> Band:
+    def empty(cls, pixels: int) -> Accumulator:
         """An empty band of that many pixels."""
-        return cls(Sum.zeros((pixels,)), Sum.zeros((pixels, 3)))
+        return cls(CompensatedSum.zeros((pixels,)), CompensatedSum.zeros((pixels, 3)))
 
 
 def blend_opacity(depth: np.ndarray, coverage: np.ndarray) -> np.ndarray:
@@ -74,7 +74,7 @@ def blend_opacity(depth: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     return np.asarray(-np.expm1(-depth / coverage) * coverage)
 
 
-def add_over(band: Band, part: Part) -> None:
+def add_over(band: Accumulator, part: BlendTerms) -> None:
     """'Over', front to back: colour is weighted by the transmittance in front of it; optical depths add."""
     order, start, where = _group_by_pixel(part.pixel)
     depth, coverage, color = part.depth[order], part.coverage[order], part.color[order]
@@ -87,7 +87,7 @@ def add_over(band: Band, part: Part) -> None:
     band.depth.add(where, np.add.reduceat(depth, start))
 
 
-def add_sum(band: Band, part: Part) -> None:
+def add_sum(band: Accumulator, part: BlendTerms) -> None:
     """The sum of optical depth and of depth · colour."""
     order, start, where = _group_by_pixel(part.pixel)
     depth = part.depth[order]
@@ -95,7 +95,7 @@ def add_sum(band: Band, part: Part) -> None:
     band.depth.add(where, np.add.reduceat(depth, start))
 
 
-def add_max(band: Band, part: Part) -> None:
+def add_max(band: Accumulator, part: BlendTerms) -> None:
     """The maximum of opacity and, by channel, of opacity · colour."""
     order, start, where = _group_by_pixel(part.pixel)
     opacity = part.depth[order]
@@ -104,12 +104,12 @@ def add_max(band: Band, part: Part) -> None:
     band.depth.total[where] = np.maximum(band.depth.total[where], np.maximum.reduceat(opacity, start))
 
 
-ADD: dict[str, Callable[[Band, Part], None]] = {"over": add_over, "sum": add_sum, "max": add_max}
+ADD: dict[str, Callable[[Accumulator, BlendTerms], None]] = {"over": add_over, "sum": add_sum, "max": add_max}
 
 
-def pixels(band: Band, look: Appearance) -> np.ndarray:
+def pixels(band: Accumulator, appearance: Appearance) -> np.ndarray:
     """float64 [n, 4], premultiplied."""
-    alpha = -np.expm1(-band.depth.value) if look.hides else band.depth.value
+    alpha = -np.expm1(-band.depth.value) if appearance.hides else band.depth.value
     return np.concatenate([band.color.value, alpha[:, None]], axis=1)
 
 

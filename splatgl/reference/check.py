@@ -164,7 +164,7 @@ def compare_sample(
     height, width = image.pixels.shape[:2]
     reached = np.ones((height, width), bool) if reached is None or not reached.any() else reached
     flat, sampling = image.pixels.reshape(-1, 4), Sampling.of(image.pixels, reached)
-    count = min(amount if isinstance(amount, int) else _affordable(sampling, draw, amount), len(sampling.order))
+    count = min(amount if isinstance(amount, int) else _pixels_in_budget(sampling, draw, amount), len(sampling.order))
     wanted, times = sampling.draw(count)
     # of the others only those that are not the background
     nothing = _empty(settings)
@@ -204,7 +204,7 @@ def _empty(settings: Settings) -> np.ndarray:
     return light_of_display(np.array([*srgb_from_linear(np.array(settings.backdrop)), 1.0], np.float32))
 
 
-def _affordable(sampling: Sampling, draw: Drawn, seconds: float) -> int:
+def _pixels_in_budget(sampling: Sampling, draw: Drawn, seconds: float) -> int:
     """The number of pixels that are drawn in a time, by that of others, so that it does not depend on their errors."""
     stamps = [time.perf_counter()]
     # the first one fills caches, the second one shows what any number takes

@@ -18,7 +18,7 @@ from splatgl.geometry.grid import trilinear
 from splatgl.planning.scene import Layer, Scene
 from splatgl.reference.march import (
     PARTS,
-    Best,
+    CurrentExtreme,
     LayerRays,
     SurfaceRays,
     ValueMatter,
@@ -36,7 +36,7 @@ Found = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownValues:
     """Values that blends of one value show along rays: of the layer whose value is the most opaque. layer [P]: its
     position in the list of layers; value, depth [P]: NaN where all is transparent.
     """
@@ -71,7 +71,7 @@ def shown_value(layer: LayerRays, join: str, attenuation: float) -> Found:
 def _extreme(layer: LayerRays, sign: float) -> Found:
     """The largest values along rays, or for a sign of −1 the least."""
     count = len(layer.near)
-    best, depth = Best(np.full(count, -np.inf), sign), np.full(count, np.nan)
+    best, depth = CurrentExtreme(np.full(count, -np.inf), sign), np.full(count, np.nan)
 
     def visit(rays: np.ndarray, ends: np.ndarray) -> np.ndarray:
         ends = np.clip(ends, layer.near[rays], layer.far[rays])
@@ -111,7 +111,7 @@ def _attenuated(layer: LayerRays, attenuation: float) -> Found:
     assert isinstance(matter, ValueMatter)
     low, high = matter.post.transfer.color_range
     width = (high - low) or matter.post.span
-    best, passed = Best(np.full(count, -np.inf), 0.0), np.zeros(count)
+    best, passed = CurrentExtreme(np.full(count, -np.inf), 0.0), np.zeros(count)
     shown, depth = np.full((2, count), np.nan)
 
     def visit(rays: np.ndarray, ends: np.ndarray) -> np.ndarray:
@@ -135,7 +135,7 @@ def _attenuated(layer: LayerRays, attenuation: float) -> Found:
 def _mean(layer: LayerRays) -> Found:
     """Mean values over rays' lengths."""
     count = len(layer.near)
-    every, depth, sums = Best(np.full(count, -np.inf), 0.0), np.full(count, np.nan), np.zeros((2, count))
+    every, depth, sums = CurrentExtreme(np.full(count, -np.inf), 0.0), np.full(count, np.nan), np.zeros((2, count))
 
     def add(rays: np.ndarray, ends: np.ndarray) -> np.ndarray:
         values, length, _ = _ends(layer, rays, ends)
@@ -198,7 +198,7 @@ def depths(
         some = pixels[first : first + RAYS]
         layers = [field.along(camera, some) for field in fields]
         if share is None:
-            return Shown.of(layers, settings, len(some)).depth
+            return ShownValues.of(layers, settings, len(some)).depth
         surfaces = SurfaceRays.of(meshes, camera, some)
         parts: list[LayerRays | SurfaceRays] = [*layers, *([surfaces] if surfaces else [])]
         enough = LEAST - float(np.log1p(-share))
@@ -212,7 +212,7 @@ def depths(
 def _parse_at(at: At | None, settings: Settings) -> tuple[float | None, Settings]:
     """The absorbed share, None for a value that a blend shows; and settings of a picture that shows it."""
     if isinstance(at, str) and at in SEARCHED:
-        return None, settings.but(blend=SEARCHED[at])
+        return None, settings.replace(blend=SEARCHED[at])
     if at is None:
         return (None if settings.shows_value else HALF), settings
     if isinstance(at, str) or not 0 <= float(at) <= MOST_SHARE:
@@ -272,7 +272,7 @@ def pick(
     surfaces = SurfaceRays.of(scene.surfaces(settings), camera, pixels)
     if settings.shows_value:
         layers = [rays.until(surfaces.opaque) for rays in layers] if surfaces else layers
-        shown = Shown.of(layers, settings, 1)
+        shown = ShownValues.of(layers, settings, 1)
         number, depth = int(shown.layer[0]), float(shown.depth[0])
         if np.isfinite(depth):
             return _point(scene, fields[number][0], layers[number], depth, float(shown.value[0]))
@@ -300,8 +300,8 @@ def _settings_for(mode: str | None, attenuation: float, settings: Settings) -> S
     if mode == "first":
         return settings.absorbing
     if attenuation:
-        return settings.but(blend="attenuated-mip", mip_attenuation=attenuation)
-    return settings if settings.join == "attenuated" else settings.but(blend="mip")
+        return settings.replace(blend="attenuated-mip", mip_attenuation=attenuation)
+    return settings if settings.join == "attenuated" else settings.replace(blend="mip")
 
 
 def _pixel_number(pixel: Any, camera: Camera) -> int:

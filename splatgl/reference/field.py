@@ -27,13 +27,13 @@ from splatgl.planning.ambient_occlusion import LightVolume
 from splatgl.planning.culling import clip_behind_eye
 from splatgl.planning.resolve import Resolved, kernel_name, select_splats
 from splatgl.reference.blend import classify_values, join_attenuated, join_values, joined_value, over_background
-from splatgl.reference.march import Best, Cells, NearCells, SlabRays, walk
+from splatgl.reference.march import CurrentExtreme, LatticeTerms, NearCells, SlabRays, walk
 from splatgl.reference.rays import Bounds, Rays, pixel_slopes
 from splatgl.reference.sheets import mean_classes, mix_light
 from splatgl.splat.extract_values import field_slopes, gradients, select_needed, with_slopes
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
-from splatgl.splat.lighting import LIGHTS, Light, apply_light, surface_light
+from splatgl.splat.lighting import LIGHTS, LightModel, apply_light, surface_light
 from splatgl.splat.prefilter import prefilter
 from splatgl.splat.settings import Blend, Settings
 from splatgl.splat.splats import Splats
@@ -112,7 +112,7 @@ def join(matter: FieldMatter, rays: SlabRays, settings: Settings) -> np.ndarray:
                 light[some] = join_values(light[some], np.nan_to_num(values[0]), length, settings.join)
         return np.ones(len(some), bool)
 
-    walk([rays], visit, Best(light[:, 0], 0.0))
+    walk([rays], visit, CurrentExtreme(light[:, 0], 0.0))
     value = joined_value(light, settings.join)
     return classify_values(transfer, low + width * value if is_attenuated else value)
 
@@ -158,7 +158,7 @@ def ray_integral_at(
     samples: int = 1,
 ) -> np.ndarray:
     """float64 [P, 4]: pixels [P] of `ray_integral`, numbered row by row from the top."""
-    settings = (settings or Settings()).but(**BEFORE)
+    settings = (settings or Settings()).replace(**BEFORE)
     settings.require_composite("ray integral")
     _check_counts(steps_per_voxel, samples)
     splats = clip_behind_eye(select_splats(splats, settings, moving=False), camera)
@@ -190,13 +190,13 @@ def _check_counts(steps_per_voxel: int, samples: int) -> None:
             raise expected(name, "a number of at least 1", count)
 
 
-def _lattice(splats: Splats, kernel: Kernel, color: np.ndarray) -> Cells:
+def _lattice(splats: Splats, kernel: Kernel, color: np.ndarray) -> LatticeTerms:
     """Extinction · s̄ · colour, and extinction · s̄. InputError for splats off a lattice."""
     low, high = splats.index_bounds.astype(np.int64)
     if (count := int((high - low + 1).prod())) > MAX_CELLS:
         raise expected("splats", f"a box of at most {MAX_CELLS} cells", count, "use a smaller volume")
     depth = splats.records["optical_depth"].astype(np.float64)
-    cells = Cells(splats.positions, [*(color * depth[:, None]).T, depth], kernel, is_exact=True)
+    cells = LatticeTerms(splats.positions, [*(color * depth[:, None]).T, depth], kernel, is_exact=True)
     if (splats.positions != np.rint(splats.positions)).any() or np.count_nonzero(cells.held) < len(splats):
         raise expected("splats", "at most one at each point of a lattice", "others", "use an extracted volume")
     return cells
@@ -206,10 +206,10 @@ def kernel_field(volume: Volume, shape: Kernel, post: ValueClassifier) -> Field:
     """The kernels' normalised sums of coefficients and gradients of all finite samples; NaN beyond their reach."""
     u = _values(volume, post)
     terms, finite = _terms(volume, u, prefilter(u, shape), post, shape), np.isfinite(u)
-    return _kernel_mean(Cells(np.argwhere(finite)[:, ::-1], [*terms[finite].T], shape, is_exact=True), post)
+    return _kernel_mean(LatticeTerms(np.argwhere(finite)[:, ::-1], [*terms[finite].T], shape, is_exact=True), post)
 
 
-def _kernel_mean(cells: Cells, post: ValueClassifier) -> Field:
+def _kernel_mean(cells: LatticeTerms, post: ValueClassifier) -> Field:
     """The normalised sums of mass, record value and world gradient of cells."""
 
     def at(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -265,7 +265,7 @@ class FieldMatter:
     post: ValueClassifier
     spacing: float
     unit: float
-    light_by: Light | None
+    light_by: LightModel | None
     mask: MaskField | None
     by_steps: bool = False
     shading: bool = True
@@ -379,7 +379,7 @@ def field_integral(
     settings, of which only it and mip_attenuation count. Raises InputError for numbers below 1 and unknown blends.
     """
     _check_counts(steps_per_voxel, samples)
-    look = blend if isinstance(blend, Settings) else Settings(blend=cast(Blend, blend))
+    appearance = blend if isinstance(blend, Settings) else Settings(blend=cast(Blend, blend))
     name = field if isinstance(field, str) else "formula"
     shape = kernel_named("b-spline" if name in ("trilinear", "formula") else name)
     post = ValueClassifier.of(transfer, shape.name, volume.shape[::-1])
@@ -387,16 +387,16 @@ def field_integral(
     if isinstance(field, str):
         field = trilinear_field(volume, post) if name == "trilinear" else kernel_field(volume, shape, post)
         near = dilate(select_needed(_values(volume, post), 2, post.wanted)[0])
-    grid, lit = Grid.of(volume), LIGHTS["head"] if transfer.shading and look.hides else None
+    grid, lit = Grid.of(volume), LIGHTS["head"] if transfer.shading and appearance.hides else None
     mask = MaskField.with_gaps(volume, np.argwhere(~np.isfinite(np.asarray(volume.samples)))[:, ::-1])
     matter = FieldMatter(field, post, grid.mean_spacing, transfer.length(volume), lit, mask)
 
     def draw(rays: Rays) -> np.ndarray:
-        return matter.draw(SlabRays.of(rays, NearCells(near, np.zeros(3, np.int64)), steps_per_voxel), look)
+        return matter.draw(SlabRays.of(rays, NearCells(near, np.zeros(3, np.int64)), steps_per_voxel), appearance)
 
     width, height = camera.size
     drawn = pixel_means(draw, grid, Bounds.of_voxels(post.shape), camera, np.arange(width * height), samples)
-    return Image(drawn.reshape(height, width, 4), {"blend": look.blend, "renderer": "float64 field integral"})
+    return Image(drawn.reshape(height, width, 4), {"blend": appearance.blend, "renderer": "float64 field integral"})
 
 
 def kept_field_integral(
@@ -410,21 +410,21 @@ def kept_field_integral(
     assert post is not None
     spacing = splats.grid.mean_spacing
     terms = [1.0, records["value"], *records["gradient"].T / spacing]
-    cells = Cells(records["position"], terms, kernel_named(post.kernel), is_exact=True)
+    cells = LatticeTerms(records["position"], terms, kernel_named(post.kernel), is_exact=True)
     near = NearCells(dilate(cells.held), cells.low)
     resolved = Resolved.of(clip_behind_eye(splats, camera), camera, settings)
-    look, cues = resolved.look, resolved.cues
+    appearance, cues = resolved.appearance, resolved.cues
     matter = FieldMatter(
         _kernel_mean(cells, post),
         post,
         spacing,
         splats.unit,
-        look.light if look.shading or look.iso == "lit" or cues else None,
+        appearance.light if appearance.shading or appearance.iso == "lit" or cues else None,
         resolved.mask,
         by_steps=True,
-        shading=look.shading,
-        iso_lit=look.iso == "lit",
-        shines=look.light.within(camera),
+        shading=appearance.shading,
+        iso_lit=appearance.iso == "lit",
+        shines=appearance.light.within(camera),
         cues=cues,
     )
 

@@ -16,10 +16,10 @@ from splatgl.geometry.camera import Camera
 from splatgl.geometry.clipping import FACE
 from splatgl.planning.culling import back_to_front, order_for
 from splatgl.planning.resolve import Resolved
-from splatgl.reference.blend import ADD, Band, Part, pixels
-from splatgl.reference.rays import Bounds, Boxes, Pixels, Rays, box_ends, pair_values, pixel_boxes, pixel_slopes
-from splatgl.reference.sheets import Pieces, SheetScene, composite_sums
-from splatgl.splat.lighting import Light, surface_light
+from splatgl.reference.blend import ADD, Accumulator, BlendTerms, pixels
+from splatgl.reference.rays import Bounds, PixelBoxes, Pixels, Rays, box_ends, pair_values, pixel_boxes, pixel_slopes
+from splatgl.reference.sheets import ConstantPieces, SheetScene, composite_sums
+from splatgl.splat.lighting import LightModel, surface_light
 from splatgl.splat.line_integral import Integral
 from splatgl.splat.splats import Splats
 from splatgl.transfer.colormaps import colors_at
@@ -36,14 +36,14 @@ class BoxScene:
     def __init__(self, splats: Splats, resolved: Resolved) -> None:
         assert splats.labels is not None
         self.resolved, self.camera, self.view, self.normals = resolved, resolved.camera, resolved.view, splats.labels
-        self.look, self.spacing = resolved.look, splats.grid.mean_spacing
+        self.appearance, self.spacing = resolved.appearance, splats.grid.mean_spacing
         self.position = splats.positions.astype(np.float64)
         self.boxes = pixel_boxes(self.view, "row1", self.view.voxels(splats.positions), self.camera)
         self.order = np.arange(0)
         if len(splats):
             self.order = back_to_front(splats, order_for(splats, self.camera))[::-1]
         depth = splats.records["optical_depth"].astype(np.float64)
-        self.depth = -np.expm1(-depth * splats.unit / self.spacing) if self.look.join == "max" else depth
+        self.depth = -np.expm1(-depth * splats.unit / self.spacing) if self.appearance.join == "max" else depth
         self.color = splats.colors.astype(np.float64)
 
     def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
@@ -59,21 +59,21 @@ class BoxScene:
     def part(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> np.ndarray:
         """Wanted pixels of the picture, float64 [P, 4], or their light between distances [P], world units."""
         rays = self._rays(wanted, near, far)
-        gathered = Band.empty(len(wanted))
+        gathered = Accumulator.empty(len(wanted))
         for part in self._pass_boxes(wanted, rays):
             if not len(part.pixel):
                 continue
             matter = self._matter(part, rays)
             depth = matter[:, 3]
             color = matter[:, :3] / np.where(depth > 0, depth, 1.0)[:, None]
-            ADD[self.look.join](gathered, Part(part.pixel, depth, color, np.ones(len(depth))))
-        return pixels(gathered, self.look)
+            ADD[self.appearance.join](gathered, BlendTerms(part.pixel, depth, color, np.ones(len(depth))))
+        return pixels(gathered, self.appearance)
 
-    def pieces(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> Pieces:
+    def pieces(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> ConstantPieces:
         """Pieces of matter along the rays of wanted pixels, or along their parts between distances [P]."""
         rays = self._rays(wanted, near, far)
         chunks = list(self._pass_boxes(wanted, rays))
-        part = Passed(
+        part = BoxCrossings(
             *(np.concatenate([getattr(chunk, name) for chunk in chunks], axis=-1) for name in vars(chunks[0]))
         )
         order = np.argsort(part.pixel, kind="stable")
@@ -84,7 +84,7 @@ class BoxScene:
         ends[pixel, place] = part.ends.T[order] * world
         matter[pixel, place] = self._matter(part, rays)[order]
         # empty pieces at the end of a ray follow its last one
-        return Pieces(np.maximum.accumulate(ends.reshape(len(ends), -1), axis=1).reshape(ends.shape), matter)
+        return ConstantPieces(np.maximum.accumulate(ends.reshape(len(ends), -1), axis=1).reshape(ends.shape), matter)
 
     def through(self, lateral: np.ndarray) -> Rays:
         """Rays through slopes, or lengths, [2, P] from the middle of the picture."""
@@ -104,43 +104,43 @@ class BoxScene:
         entry, exit_ = box_ends(rays.start[:, ray], rays.direction[:, ray], position - 0.5, position + 0.5)
         return np.stack([np.maximum(entry, rays.near[ray]), np.minimum(exit_, rays.far[ray])])
 
-    def _pass_boxes(self, wanted: Pixels, rays: Rays) -> Iterator[Passed]:
+    def _pass_boxes(self, wanted: Pixels, rays: Rays) -> Iterator[BoxCrossings]:
         """Yields the parts of boxes along rays, in drawing order; at least one chunk."""
-        yield Passed(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((2, 0)))
+        yield BoxCrossings(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((2, 0)))
         for pairs in pair_values(self, self.boxes, self.order, wanted, self.camera):
             ends = self.ends(rays, pairs.splat, pairs.pixel)
             some = ends[1] > ends[0]
-            yield Passed(pairs.splat[some], pairs.pixel[some], ends[:, some])
+            yield BoxCrossings(pairs.splat[some], pairs.pixel[some], ends[:, some])
 
-    def _matter(self, part: Passed, rays: Rays) -> np.ndarray:
+    def _matter(self, part: BoxCrossings, rays: Rays) -> np.ndarray:
         """[N, 4]: emission and optical depth, or opacity, of parts of boxes."""
         depth = self.depth[part.splat]
-        if self.look.join != "max":
+        if self.appearance.join != "max":
             depth = depth * (part.ends[1] - part.ends[0]) * rays.stretch[part.pixel]
         color = self.color[part.splat]
-        if self.look.hides:
+        if self.appearance.hides:
             factor, highlight = self._shade(part, rays)
             color = color * factor[:, None] + highlight[:, None]
         return np.column_stack([color * depth[:, None], depth])
 
-    def _shade(self, part: Passed, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
+    def _shade(self, part: BoxCrossings, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
         """Factors of colours [N] and highlights [N] of parts of boxes."""
-        look, (entry, exit_) = self.look, part.ends
+        appearance, (entry, exit_) = self.appearance, part.ends
         start, direction = rays.start[:, part.pixel].T, rays.direction[:, part.pixel].T
         nothing = np.zeros((len(entry), 3))
-        normal = self.normals.at(start + direction * entry[:, None]) if look.shading else nothing
-        toward, shines = rays.toward[part.pixel], look.light.within(self.camera)
+        normal = self.normals.at(start + direction * entry[:, None]) if appearance.shading else nothing
+        toward, shines = rays.toward[part.pixel], appearance.light.within(self.camera)
         middle = start + direction * part.ends.mean(axis=0)[:, None]
 
         def light(of: np.ndarray) -> np.ndarray:
             cues = self.resolved.cues
             reached = None if cues is None else cues.light_shares(middle, of, toward)
-            return np.stack(surface_light(of, toward, look.light, shines, reached))
+            return np.stack(surface_light(of, toward, appearance.light, shines, reached))
 
         result = light(nothing)
         # in the middle of a voxel of a thin label, normals are half as long as at its face
         result += np.minimum(2 * np.linalg.norm(normal, axis=1), 1.0) * (light(normal) - result)
-        if look.shading and rays.face is not None:
+        if appearance.shading and rays.face is not None:
             face, faced = rays.face[part.pixel], rays.entry[part.pixel] + FACE
             share = np.clip((faced - entry) / (exit_ - entry), 0.0, 1.0) * face.any(axis=1)
             result += share * (light(face) - result)
@@ -148,7 +148,7 @@ class BoxScene:
 
 
 @dataclass(frozen=True, eq=False)
-class Passed:
+class BoxCrossings:
     """Parts of boxes along rays: indices of splats [N] and pixels [N], and depths [2, N] of their ends."""
 
     splat: np.ndarray
@@ -194,7 +194,7 @@ ON_EDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Crossings:
+class MeshHits:
     """Surfaces along rays, nearest first. distance [P, K]: from the eye, or from its plane, world units; infinite after
     the last. light [P, K, 4]: premultiplied. mesh [P, K]: number of the mesh, −1 for the last.
     """
@@ -211,7 +211,7 @@ class SurfaceScene:
     scene: SheetScene | BoxScene | LayerScene
     meshes: Sequence[Mesh]
     camera: Camera
-    light: Light | None
+    light: LightModel | None
 
     def band_height(self) -> int:
         """Rows of pixels drawn together."""
@@ -228,7 +228,7 @@ class SurfaceScene:
         return light
 
 
-def crossings(meshes: Sequence[Mesh], camera: Camera, wanted: Pixels, light_by: Light | None) -> Crossings:
+def crossings(meshes: Sequence[Mesh], camera: Camera, wanted: Pixels, light_by: LightModel | None) -> MeshHits:
     """Surfaces along the rays of wanted pixels, followed by an empty one at infinity."""
     count = len(wanted)
     shown = [number for number, mesh in enumerate(meshes) if len(mesh) and mesh.opacity > 0]
@@ -242,13 +242,13 @@ def crossings(meshes: Sequence[Mesh], camera: Camera, wanted: Pixels, light_by: 
     first = np.searchsorted(pixel, np.arange(count))
     place = np.arange(len(pixel)) - first[pixel]
     size = count, place.max() + 1
-    result = Crossings(np.full(size, np.inf), np.zeros((*size, 4)), np.full(size, -1))
+    result = MeshHits(np.full(size, np.inf), np.zeros((*size, 4)), np.full(size, -1))
     result.distance[pixel, place], result.light[pixel, place], result.mesh[pixel, place] = distance, light, mesh
     return result
 
 
 def _cross_mesh(
-    mesh: Mesh, camera: Camera, wanted: Pixels, light_by: Light | None
+    mesh: Mesh, camera: Camera, wanted: Pixels, light_by: LightModel | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Indices of wanted pixels [N], distances [N] and light [N, 4] where their rays cross a mesh."""
     corners = camera.eye_from_points(mesh.vertices)[mesh.faces]
@@ -298,7 +298,7 @@ def _unique_hits(inside: np.ndarray, pixel: np.ndarray, depth: np.ndarray) -> np
     return np.delete(hit, np.flatnonzero(on_edge[1:] & on_edge[:-1] & alike) + 1)
 
 
-def _pixel_boxes(corners: np.ndarray, camera: Camera) -> Boxes:
+def _pixel_boxes(corners: np.ndarray, camera: Camera) -> PixelBoxes:
     """Pixels in the screen boxes of triangles [N, 3, 3]; all pixels for those that cross the eye's plane."""
     depth = corners[..., 2:] if camera.perspective else np.ones_like(corners[..., 2:])
     crosses = np.less_equal(depth, 0).any(axis=(1, 2))
@@ -308,4 +308,4 @@ def _pixel_boxes(corners: np.ndarray, camera: Camera) -> Boxes:
     ends = []
     for n, axis in enumerate(camera.slopes()):
         ends += [np.searchsorted(axis, low[:, n]), np.searchsorted(axis, high[:, n], side="right")]
-    return Boxes(*ends)
+    return PixelBoxes(*ends)

@@ -44,7 +44,7 @@ PAD = 3
 ENTRIES, FURTHEST = 1 << 18, 13.0
 
 
-class Cells:
+class LatticeTerms:
     """Terms of splats on their lattice, 0 where no splat is, and the kernel that weighs them. low [3]: grid position
     (x, y, z) of the first entry; shape: entries along z, y, x.
 
@@ -118,7 +118,7 @@ class Cells:
 
 
 @dataclass(frozen=True, eq=False)
-class Best:
+class CurrentExtreme:
     """Values [P] that rays must exceed, times a sign: 1 for the largest values, −1 for the least, 0: no block of cells
     is known not to.
     """
@@ -179,7 +179,7 @@ class ValueMatter:
     reconstruction: means of kernels.
     """
 
-    cells: Cells
+    cells: LatticeTerms
     post: ValueClassifier
     spacing: float
     unit: float
@@ -190,7 +190,7 @@ class ValueMatter:
         assert splats.post is not None
         records, post = splats.records[some], splats.post
         gradient = [*records["gradient"].T] if post.transfer.needs_gradients else list[np.ndarray]()
-        cells = Cells(records["position"], [1.0, records["value"], *gradient], kernel_named(post.kernel))
+        cells = LatticeTerms(records["position"], [1.0, records["value"], *gradient], kernel_named(post.kernel))
         return cls(cells, post, splats.grid.mean_spacing, splats.unit)
 
     def at(self, places: np.ndarray) -> np.ndarray:
@@ -250,7 +250,7 @@ class VoxelMatter:
     the boxes of labels.
     """
 
-    cells: Cells
+    cells: LatticeTerms
     unit: float
 
     @classmethod
@@ -258,7 +258,7 @@ class VoxelMatter:
         """Of some splats."""
         records = splats.records[some]
         terms = [records["optical_depth"] / splats.grid.mean_spacing]
-        return cls(Cells(records["position"], terms, None if kernel is BOX else kernel), splats.unit)
+        return cls(LatticeTerms(records["position"], terms, None if kernel is BOX else kernel), splats.unit)
 
     def at(self, places: np.ndarray) -> np.ndarray:
         """States [1, P]: extinction."""
@@ -408,7 +408,7 @@ def _beside(splats: Splats, ends: tuple[np.ndarray, np.ndarray, np.ndarray, np.n
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class RayPieces:
     """Pieces of rays between depths begin and end [K, N], and the states [n, K, N] there. turns bool [K, N]: whether
     values may have an extreme within; None: nowhere.
     """
@@ -470,7 +470,7 @@ class LayerRays:
             ends = np.clip(ends, self.near[rays], self.far[rays])
             # a step is within a voxel
             first = self.states((ends[:-1] + ends[1:]) / 2, rays)
-            pieces = Pieces(ends[:-1], ends[1:], first, first)
+            pieces = RayPieces(ends[:-1], ends[1:], first, first)
         else:
             pieces = self._pieces(ends, rays)
         length = np.maximum(pieces.end - pieces.begin, 0.0)
@@ -478,7 +478,7 @@ class LayerRays:
         passed[:, some] = mean * length * self.length[rays] + np.where(length > 0, crossed, 0.0)
         return passed
 
-    def _pieces(self, ends: np.ndarray, rays: np.ndarray) -> Pieces:
+    def _pieces(self, ends: np.ndarray, rays: np.ndarray) -> RayPieces:
         """Pieces between depths [K + 1, N] of rays [N], within the layer and its mask."""
         # one more on either side tells where values turn
         ends = np.concatenate([2 * ends[:1] - ends[1:2], ends, 2 * ends[-1:] - ends[-2:-1]])
@@ -494,9 +494,9 @@ class LayerRays:
             slope = (last - first) / np.where(end > begin, end - begin, 1.0)
             turns &= (low == begin) & (high == end)
             first, last, begin, end = first + slope * (low - begin), last + slope * (high - end), low, high
-        return Pieces(begin, end, first, last, turns)
+        return RayPieces(begin, end, first, last, turns)
 
-    def _between(self, pieces: Pieces, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _between(self, pieces: RayPieces, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean extinctions and optical depths [K, N] of iso-surfaces of pieces of rays [N]. Where values turn, they are
         a parabola, whose two branches count.
         """
@@ -529,7 +529,7 @@ class LayerRays:
             depth = np.where(face <= ends[1], (face - start) / along, end)
         return np.asarray(np.clip(np.nan_to_num(depth, nan=np.inf).reshape(-1, len(rays)), begin, end))
 
-    def free(self, depth: np.ndarray, rays: np.ndarray, best: Best | None) -> np.ndarray:
+    def free(self, depth: np.ndarray, rays: np.ndarray, best: CurrentExtreme | None) -> np.ndarray:
         """Depth [N] to pass until something may be visible from depths [N] of rays [N] on: infinite behind the layer.
 
         best: values that must be exceeded; None: skips blocks without visible matter.
@@ -582,7 +582,7 @@ class SurfaceRays:
         """Depths [n, N] of the crossings, not beyond begin and end [N]."""
         return np.clip(self.depth[rays].T, begin, end)
 
-    def free(self, depth: np.ndarray, rays: np.ndarray, best: Best | None) -> np.ndarray:
+    def free(self, depth: np.ndarray, rays: np.ndarray, best: CurrentExtreme | None) -> np.ndarray:
         """Depth [N] to pass until the next crossing from depths [N] of rays [N] on: infinite behind all."""
         ahead = np.where(self.depth[rays] > depth[:, None], self.depth[rays], np.inf).min(axis=1) - depth
         # a step begins before its crossing
@@ -644,7 +644,7 @@ class SlabRays:
         """Depths [0, N]: slabs are not divided."""
         return np.zeros((0, len(rays)))
 
-    def free(self, depth: np.ndarray, rays: np.ndarray, best: Best | None) -> np.ndarray:
+    def free(self, depth: np.ndarray, rays: np.ndarray, best: CurrentExtreme | None) -> np.ndarray:
         """Slabs [N] to pass until something may be visible from depths [N] of rays [N] on: infinite behind the last.
         best: values are wanted: none is passed.
         """
@@ -660,7 +660,9 @@ Along = Sequence[LayerRays | SurfaceRays]
 
 
 def walk(
-    parts: Along | Sequence[SlabRays], visit: Callable[[np.ndarray, np.ndarray], np.ndarray], best: Best | None = None
+    parts: Along | Sequence[SlabRays],
+    visit: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    best: CurrentExtreme | None = None,
 ) -> None:
     """Follows rays through layers and meshes, or in slabs. visit: takes numbers of rays [N] and ascending depths
     [K + 1, N], between which matter may be visible, and returns which of the rays go on. best: of `LayerRays.free`.
@@ -694,7 +696,7 @@ def passed(parts: Along, ends: np.ndarray, rays: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Reached:
+class AbsorptionDepths:
     """Where rays reach an optical depth. begin, end [P]: a short piece within which they do, NaN for none; depth [P]:
     within it. total [P]: optical depths that rays have passed when they end.
     """
@@ -705,7 +707,7 @@ class Reached:
     total: np.ndarray
 
 
-def absorb(parts: Along, enough: np.ndarray) -> Reached:
+def absorb(parts: Along, enough: np.ndarray) -> AbsorptionDepths:
     """Follows rays until they have passed optical depths [P]."""
     total = np.zeros(len(enough))
     begin, end, left = np.full((3, len(enough)), np.nan)
@@ -726,7 +728,7 @@ def absorb(parts: Along, enough: np.ndarray) -> Reached:
     depth = np.full(len(enough), np.nan)
     if len(some):
         begin[some], end[some], depth[some] = _refine(parts, some, (begin[some], end[some]), left[some])
-    return Reached(begin, end, depth, total)
+    return AbsorptionDepths(begin, end, depth, total)
 
 
 def _refine(

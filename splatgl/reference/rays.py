@@ -26,13 +26,13 @@ from splatgl.geometry.clipping import FLUSH, GRAZING, Clip
 from splatgl.geometry.grid import Grid
 from splatgl.geometry.view import GridView, smallest_axis
 from splatgl.planning.culling import STRETCHED, block_boxes
-from splatgl.splat.footprint import ROWS, Quads, Splat, fill_depth, on_quads, table_quad
+from splatgl.splat.footprint import ROWS, Splat, SplatQuads, fill_depth, on_quads, table_quad
 from splatgl.splat.line_integral import Integral, row1
 from splatgl.splat.splats import Splats, in_parts
 
 
 @dataclass(frozen=True, eq=False)
-class Ewa:
+class EwaEllipses:
     """The ellipses of N splats in slopes, or eye x and y. middle [2, N]; shape [3, N]: xx, xy, yy of the covariance.
 
     gain [N]: the line integral at the middle over F(0), 0 for kernels that reach the eye's plane, where J means
@@ -45,7 +45,7 @@ class Ewa:
     coverage: np.ndarray
 
     @classmethod
-    def of(cls, view: GridView, voxel: np.ndarray) -> Ewa:
+    def of(cls, view: GridView, voxel: np.ndarray) -> EwaEllipses:
         """The ellipses of voxels [3, N]. Raises InputError for a kernel that is not a Gaussian."""
         if view.kernel.name != "gaussian":
             raise expected("kernel", "gaussian, as the affine image of no other keeps its form", view.kernel.name)
@@ -97,7 +97,7 @@ SQUARE = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Boxes:
+class PixelBoxes:
     """Pixels left ≤ column < right, top ≤ row < bottom; int64 [N]; empty ones have right = left."""
 
     left: np.ndarray
@@ -105,9 +105,9 @@ class Boxes:
     top: np.ndarray
     bottom: np.ndarray
 
-    def take(self, some: np.ndarray) -> Boxes:
+    def take(self, some: np.ndarray) -> PixelBoxes:
         """Some boxes, by number."""
-        return Boxes(self.left[some], self.right[some], self.top[some], self.bottom[some])
+        return PixelBoxes(self.left[some], self.right[some], self.top[some], self.bottom[some])
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ class Pixels:
         count = np.bincount(square, minlength=down * across).reshape(down, across)
         return np.pad(count.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
 
-    def most_in(self, boxes: Boxes) -> np.ndarray:
+    def most_in(self, boxes: PixelBoxes) -> np.ndarray:
         """[N]: upper limits on the numbers of pixels in boxes; 0 for empty ones."""
         if not len(self):
             return np.zeros(len(boxes.left), np.int64)
@@ -166,7 +166,7 @@ class Pixels:
         fullest = int(np.diff(before[:, -1], prepend=0).max())
         return np.maximum(rank[boxes.bottom] - rank[boxes.top], 0) * np.clip(wide, 0, fullest)
 
-    def within(self, boxes: Boxes) -> tuple[np.ndarray, np.ndarray]:
+    def within(self, boxes: PixelBoxes) -> tuple[np.ndarray, np.ndarray]:
         """Pairs of boxes and their pixels, box by box and row by row: indices of boxes [M] and of pixels [M]."""
         rank, before = self._lines
         owner, line = _unroll(rank[boxes.top], np.maximum(rank[boxes.bottom], rank[boxes.top]))
@@ -192,11 +192,11 @@ def _squares_around(place: np.ndarray, half: np.ndarray, size: tuple[int, int]) 
     return ends
 
 
-def pixel_boxes(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> Boxes:
+def pixel_boxes(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> PixelBoxes:
     """Pixels of `camera` that voxels [3, N] can reach in a row of Table 1."""
     left, right, top, bottom = pixel_ends(view, row, voxel, camera)
     empty = (right <= left) | (bottom <= top)
-    return Boxes(left, np.where(empty, left, right), top, bottom)
+    return PixelBoxes(left, np.where(empty, left, right), top, bottom)
 
 
 def pixel_ends(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, ...]:
@@ -217,7 +217,7 @@ def _bounds(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> tupl
     """Lowest and highest slopes, or x and y, [2, N] each; low > high if invisible."""
     z = voxel[2]
     if row == EWA:
-        return Ewa.of(view, voxel).bounds(view.kernel.radius)
+        return EwaEllipses.of(view, voxel).bounds(view.kernel.radius)
     if not view.perspective:
         half = _half_axes(view, view.widths[:, None] / view.shrink(z))
         return voxel[:2] - half, voxel[:2] + half
@@ -321,12 +321,12 @@ def may_reach(positions: np.ndarray, view: GridView, wanted: Pixels, around: np.
     """bool [N]: whether splats up to `around` grid steps from grid positions [N, 3] may reach one of the pixels of the
     picture.
     """
-    discs = Discs.of(positions, view, around)
+    discs = PixelDiscs.of(positions, view, around)
     return np.where(discs.is_ahead, wanted.are_near(discs.place, discs.half), discs.surrounds_eye)
 
 
 @dataclass(frozen=True, eq=False)
-class Discs:
+class PixelDiscs:
     """Discs of pixels that splats may reach. place [2, N]: their middles, pixel i being between i and i + 1; half [N]:
     their radii. is_ahead [N]: whether all of a disc's splats are before the eye; surrounds_eye [N]: whether they may
     reach any pixel.
@@ -360,7 +360,7 @@ def reached_squares(positions: np.ndarray, view: GridView, around: np.ndarray) -
     """bool [rows, columns]: which squares of SQUARE pixels of the picture may be reached by splats up to `around` [N]
     grid steps from grid positions [N, 3].
     """
-    discs = Discs.of(positions, view, around)
+    discs = PixelDiscs.of(positions, view, around)
     down, across = (-(-side // SQUARE) for side in view.size[::-1])
     if discs.surrounds_eye.any():
         return np.ones((down, across), bool)
@@ -380,7 +380,7 @@ EWA = "ewa"
 
 
 @dataclass(frozen=True, eq=False)
-class Values:
+class PairValues:
     """Pairs in drawing order: splat int [P], pixel int [P] (of the wanted ones), integral [P]."""
 
     splat: np.ndarray
@@ -389,19 +389,19 @@ class Values:
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class FootprintRow:
     """One row of Table 1, or EWA, for voxels [3, N]."""
 
     view: GridView
     name: str
     voxel: np.ndarray
-    quads: Quads | Ewa | None
+    quads: SplatQuads | EwaEllipses | None
 
     @classmethod
-    def of(cls, view: GridView, name: str, voxel: np.ndarray, grid: Grid) -> Row:
+    def of(cls, view: GridView, name: str, voxel: np.ndarray, grid: Grid) -> FootprintRow:
         """The named row. Raises InputError for an unknown row, or one that does not exist for the grid."""
         if name == EWA:
-            return cls(view, name, voxel, Ewa.of(view, voxel))
+            return cls(view, name, voxel, EwaEllipses.of(view, voxel))
         if name not in ROWS:
             raise expected("row", " or ".join([*ROWS, EWA]), repr(name))
         if name in ("row2", "row3") and not grid.cubic:
@@ -429,7 +429,7 @@ class Row:
 
     def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
         """Line integrals of splats [P] along rays [2, P]."""
-        if isinstance(self.quads, Ewa):
+        if isinstance(self.quads, EwaEllipses):
             return self.quads.on(self.view, splat, ray)
         if self.quads:
             return on_quads(self.view, self.quads.take(splat), ray)
@@ -454,7 +454,9 @@ class Footprints(Protocol):
         """Line integrals of splats [P] along rays [2, P]."""
 
 
-def pair_values(row: Footprints, boxes: Boxes, order: np.ndarray, wanted: Pixels, camera: Camera) -> Iterator[Values]:
+def pair_values(
+    row: Footprints, boxes: PixelBoxes, order: np.ndarray, wanted: Pixels, camera: Camera
+) -> Iterator[PairValues]:
     """Yields the pairs of splats and wanted pixels, in chunks; splats in the given order."""
     slopes, most = pixel_slopes(wanted.index, camera, row.view.pitch), wanted.most_in(boxes)
     visible = order[most[order] > 0]
@@ -464,7 +466,7 @@ def pair_values(row: Footprints, boxes: Boxes, order: np.ndarray, wanted: Pixels
         splat = chunk[owner]
         integral = row.on(splat, slopes[:, pixel])
         hit = np.flatnonzero(integral.value != 0)
-        yield Values(splat[hit], pixel[hit], Integral(integral.value[hit], integral.peak[hit]))
+        yield PairValues(splat[hit], pixel[hit], Integral(integral.value[hit], integral.peak[hit]))
 
 
 def _unroll(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

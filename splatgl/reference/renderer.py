@@ -20,14 +20,14 @@ from splatgl.planning.bricks import Bricks
 from splatgl.planning.culling import back_to_front, clip_behind_eye, order_for
 from splatgl.planning.resolve import Appearance, Resolved, attenuation_form, voxel_kernel
 from splatgl.planning.scene import ResolvedScene, Scene, join_pictures, resolve_scene
-from splatgl.reference.blend import ADD, Band, Part, mean_weights, over_background, pixel_means, pixels
+from splatgl.reference.blend import ADD, Accumulator, BlendTerms, mean_weights, over_background, pixel_means, pixels
 from splatgl.reference.layers import BoxScene, LayerScene, SurfaceScene
 from splatgl.reference.rays import (
     EWA,
     SQUARE,
-    Boxes,
+    FootprintRow,
+    PixelBoxes,
     Pixels,
-    Row,
     may_reach,
     pair_values,
     pixel_boxes,
@@ -38,7 +38,7 @@ from splatgl.reference.rays import (
 from splatgl.reference.sheets import SheetScene
 from splatgl.splat.extract_values import post_splats
 from splatgl.splat.kernels import tabulate
-from splatgl.splat.lighting import Light, apply_light
+from splatgl.splat.lighting import LightModel, apply_light
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats, in_parts, record_type
 
@@ -84,14 +84,14 @@ def _resolve_row(subject: Splats | Scene, camera: Camera, settings: Settings, ro
     """`resolve_scene` for a row of `render`, which classifies the voxels of a single layer."""
     if row == "row1" or len(subject.drawn(settings)) > 1 or subject.surfaces(settings):
         return resolve_scene(subject, camera, settings)
-    voxels = settings.but(classification="pre", compositing="splats", kernel=voxel_kernel(settings))
+    voxels = settings.replace(classification="pre", compositing="splats", kernel=voxel_kernel(settings))
     scene = replace(resolve_scene(subject, camera, voxels), settings=settings)
     if row != EWA:
         return scene
     # its filter widens voxels before z_k, too
     (layer,), filtered = scene.layers, settings.antialias != "off"
-    look = replace(layer.resolved.look, attenuation=attenuation_form(settings, filtered))
-    resolved = replace(layer.resolved, look=look, view=replace(layer.resolved.view, antialias=filtered))
+    appearance = replace(layer.resolved.appearance, attenuation=attenuation_form(settings, filtered))
+    resolved = replace(layer.resolved, appearance=appearance, view=replace(layer.resolved.view, antialias=filtered))
     return replace(scene, layers=(replace(layer, resolved=resolved),))
 
 
@@ -119,7 +119,7 @@ def _prepare(
         return [(drawn, resolved)], info
     light, settings = None, scene.settings
     if settings.shading != "off":
-        light = Light.of(settings.light, settings.light_from, settings.shadows > 0, settings.strengths)
+        light = LightModel.of(settings.light, settings.light_from, settings.shadows > 0, settings.strengths)
     return [(SurfaceScene(drawn, scene.meshes, resolved.camera, light), resolved)], info
 
 
@@ -140,7 +140,7 @@ def _select_reaching(splats: Splats, resolved: Resolved, wanted: np.ndarray | No
     if wanted is None:
         return splats
     some = splats_may_reach(splats, resolved.view, _samples_of(wanted, resolved)[0])
-    return splats.part(some, among_all=resolved.look.attenuation == "fill")
+    return splats.part(some, among_all=resolved.appearance.attenuation == "fill")
 
 
 def render_pixels_of(bricks: Bricks, camera: Camera, settings: Settings, wanted: np.ndarray) -> np.ndarray:
@@ -217,7 +217,7 @@ def _scene(splats: Splats, resolved: Resolved, row: str) -> Drawing:
         return SheetScene(splats, resolved)
     view = replace(resolved.view, kernel=tabulate(resolved.kernel.name))
     voxel = view.voxels(splats.positions)
-    footprints = Row.of(view, row, voxel, splats.grid)
+    footprints = FootprintRow.of(view, row, voxel, splats.grid)
     return SplatScene.of(splats, resolved, footprints, pixel_boxes(view, footprints.name, voxel, resolved.camera))
 
 
@@ -227,29 +227,29 @@ class SplatScene:
     and order, colour, depth and coverage (the remaining share of opacity) of all splats.
     """
 
-    row: Row
-    boxes: Boxes
+    row: FootprintRow
+    boxes: PixelBoxes
     camera: Camera
-    look: Appearance
+    appearance: Appearance
     order: np.ndarray
     color: np.ndarray
     depth: np.ndarray
     coverage: np.ndarray
 
     @classmethod
-    def of(cls, splats: Splats, resolved: Resolved, row: Row, boxes: Boxes) -> SplatScene:
+    def of(cls, splats: Splats, resolved: Resolved, row: FootprintRow, boxes: PixelBoxes) -> SplatScene:
         """The scene of splats with footprints `row`."""
-        look, camera = resolved.look, resolved.camera
+        appearance, camera = resolved.appearance, resolved.camera
         order = np.arange(len(splats))
-        if len(splats) and look.hides:
+        if len(splats) and appearance.hides:
             order = back_to_front(splats, order_for(splats, camera))[::-1]
         color = apply_light(splats.colors.astype(np.float64), splats, camera, row.voxel, resolved)
-        depth = row.attenuate_depth(splats, look.attenuation)
-        if look.join == "max":
+        depth = row.attenuate_depth(splats, appearance.attenuation)
+        if appearance.join == "max":
             # opacity over the transfer function's reference length
             depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing)
-        coverage = row.coverage() if look.attenuation == "opacity" else np.ones(len(splats))
-        return cls(row, boxes, camera, look, order, color, depth, coverage)
+        coverage = row.coverage() if appearance.attenuation == "opacity" else np.ones(len(splats))
+        return cls(row, boxes, camera, appearance, order, color, depth, coverage)
 
     def band_height(self) -> int:
         """Rows of pixels drawn together."""
@@ -257,14 +257,16 @@ class SplatScene:
 
     def part(self, wanted: Pixels) -> np.ndarray:
         """Wanted pixels of the picture, float64 [P, 4]."""
-        gathered = Band.empty(len(wanted))
+        gathered = Accumulator.empty(len(wanted))
         for pairs in pair_values(self.row, self.boxes, self.order, wanted, self.camera):
             s, integral = pairs.splat, pairs.integral
             if not len(s):
                 continue
-            depth = self.depth[s] * (integral.value / integral.peak if self.look.join == "max" else integral.value)
-            ADD[self.look.join](gathered, Part(pairs.pixel, depth, self.color[s], self.coverage[s]))
-        return pixels(gathered, self.look)
+            depth = self.depth[s] * (
+                integral.value / integral.peak if self.appearance.join == "max" else integral.value
+            )
+            ADD[self.appearance.join](gathered, BlendTerms(pairs.pixel, depth, self.color[s], self.coverage[s]))
+        return pixels(gathered, self.appearance)
 
 
 Drawing = SplatScene | SheetScene | BoxScene | LayerScene | SurfaceScene

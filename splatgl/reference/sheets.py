@@ -19,7 +19,17 @@ from splatgl.geometry.view import GridView
 from splatgl.planning.ambient_occlusion import LightVolume
 from splatgl.planning.resolve import Appearance, Resolved
 from splatgl.reference.blend import classify_values, join_attenuated, join_values, joined_value
-from splatgl.reference.rays import Bounds, Boxes, Pixels, Rays, Row, Values, pair_values, pixel_boxes, pixel_slopes
+from splatgl.reference.rays import (
+    Bounds,
+    FootprintRow,
+    PairValues,
+    PixelBoxes,
+    Pixels,
+    Rays,
+    pair_values,
+    pixel_boxes,
+    pixel_slopes,
+)
 from splatgl.splat.kernels import Kernel, tabulate
 from splatgl.splat.lighting import apply_light, surface_light
 from splatgl.splat.sheets import (
@@ -48,7 +58,7 @@ PAIRS = 1 << 13
 class SheetField:
     """Classification of reconstructed values."""
 
-    look: Appearance
+    appearance: Appearance
     post: ValueClassifier
     view: GridView
     spacing: float
@@ -64,9 +74,9 @@ class SheetField:
     def of(cls, splats: Splats, resolved: Resolved, view: GridView, near: int = 0) -> SheetField:
         """Classification of splats of values. near: number of sheets from the eye on that are planes."""
         assert splats.post is not None
-        look, size = resolved.look, (splats.grid.mean_spacing, splats.unit)
-        lit = look.light.within(resolved.camera), resolved.cues
-        return cls(look, splats.post, view, *size, *lit, resolved.mask, near, resolved.mip_attenuation)
+        appearance, size = resolved.appearance, (splats.grid.mean_spacing, splats.unit)
+        lit = appearance.light.within(resolved.camera), resolved.cues
+        return cls(appearance, splats.post, view, *size, *lit, resolved.mask, near, resolved.mip_attenuation)
 
     def composite(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""
@@ -74,10 +84,10 @@ class SheetField:
 
         def seen() -> np.ndarray:
             # opaque matter hides everything behind it
-            return (light[:, 3] < OPAQUE) | self.look.shows_value | self.look.is_sum
+            return (light[:, 3] < OPAQUE) | self.appearance.shows_value | self.appearance.is_sum
 
         for part in self.parts(sums, rays, first, sheets, seen):
-            if self.look.shows_value:
+            if self.appearance.shows_value:
                 self._join(light, part)
                 continue
             place = part.number - part.number[0]
@@ -85,39 +95,39 @@ class SheetField:
             matter[part.pixel, place, 0] = self.matter(part, rays)
             if part.behind is not None:
                 matter[part.pixel, place, 1] = self.surface_matter(part, rays)
-            if self.look.is_sum:
+            if self.appearance.is_sum:
                 light += matter.sum(axis=(1, 2))
             else:
                 light += (1 - light[:, 3:]) * composite_sums(matter.reshape(len(light), -1, 4))
-        if not self.look.shows_value:
+        if not self.appearance.shows_value:
             return light
         return self.shown(light)
 
     def shown(self, light: np.ndarray) -> np.ndarray:
         """[P, 4]: the classes of joined values, of rays [P, 4]."""
-        value = joined_value(light, self.look.join)
-        if self.look.join == "attenuated":
+        value = joined_value(light, self.appearance.join)
+        if self.appearance.join == "attenuated":
             scale, offset = self.post.window_share
             value = (value - offset) / scale
         return classify_values(self.post.transfer, self.post.value(value))
 
-    def _join(self, light: np.ndarray, part: Part) -> None:
+    def _join(self, light: np.ndarray, part: RaySegments) -> None:
         """Joins the values of parts to those of pixels, in place."""
         length = part.ends[1] - part.ends[0]
         for one in np.split(np.arange(len(part.pixel)), np.flatnonzero(np.diff(part.number)) + 1):
             at, values = part.pixel[one], np.stack([part.begin[one, 0], part.value[one], part.end[one, 0]])
-            if self.look.join == "attenuated":
+            if self.appearance.join == "attenuated":
                 scale, offset = self.post.window_share
                 depth = length[one] * part.stretch[one] * (self.spacing / self.unit * self.mip_attenuation)
                 light[at] = join_attenuated(light[at], np.clip(scale * values + offset, 0, 1), length[one], depth)
                 continue
             # Simpson's rule for the mean, and nearly the extremes
             for value, share in zip(values, (1 / 6, 2 / 3, 1 / 6), strict=True):
-                light[at] = join_values(light[at], value, length[one] * share, self.look.join)
+                light[at] = join_values(light[at], value, length[one] * share, self.appearance.join)
 
     def parts(
         self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets, is_visible: Callable[[], np.ndarray]
-    ) -> Iterator[Part]:
+    ) -> Iterator[RaySegments]:
         """Yields the matter around all sheets within the volume's box, in `segments` parts each, nearest first, about
         PAIRS parts of rays at a time. is_visible: returns in which pixels further matter is visible.
         """
@@ -156,13 +166,15 @@ class SheetField:
             first_, mean, last = (means_of(between_sheets(around, at)) for at in (ends[0], middle, ends[1]))
             distance = (begin + middle) * sheets.thickness
             place, between = number + start * steps, (ends[0], ends[1])
-            part = Part(some, place, begin, between, first_, mean, last, stretch[some], faced, distance)
+            part = RaySegments(some, place, begin, between, first_, mean, last, stretch[some], faced, distance)
             if surface is None:
                 yield part
                 continue
             sums = between_sheets(around, last_end)
             surface[sums[:, 0] < LEAST_MASS] = -1
-            yield replace(part, behind=Crossed(surface, means_of(sums)[:, 1:], (begin + last_end) * sheets.thickness))
+            yield replace(
+                part, behind=SurfaceHits(surface, means_of(sums)[:, 1:], (begin + last_end) * sheets.thickness)
+            )
 
     def segments(self, sheets: Sheets) -> int:
         """Number of parts of the matter around a sheet: they end at surfaces, too."""
@@ -195,7 +207,7 @@ class SheetField:
         gradients from the matter's mean place to the sheet's place; and the additional spread, sheets². Unchanged for
         blends of one value.
         """
-        if self.look.shows_value:
+        if self.appearance.shows_value:
             return np.concatenate([sums, np.zeros_like(sums[..., :1])], axis=-1)
         number = first + np.arange(sums.shape[1])
         offset = np.broadcast_to(ray_offset(self.view, rays), len(rays.near))
@@ -239,30 +251,30 @@ class SheetField:
         """Converts distances [P] along rays, index units, to sheets."""
         return np.asarray((distance + ray_offset(self.view, rays)) / sheets.thickness)
 
-    def matter(self, part: Part, rays: Rays) -> np.ndarray:
+    def matter(self, part: RaySegments, rays: Rays) -> np.ndarray:
         """[P, 4]: emission and optical depth of a part."""
         matter = self.classify(part)
-        if self.look.shading or self.cues is not None:
+        if self.appearance.shading or self.cues is not None:
             factor, highlight = self.shade_part(part, rays)
             matter[:, :3] = matter[:, :3] * factor[:, None] + matter[:, 3:] * highlight[:, None]
         return matter
 
-    def surface_matter(self, part: Part, rays: Rays) -> np.ndarray:
+    def surface_matter(self, part: RaySegments, rays: Rays) -> np.ndarray:
         """[P, 4]: emission and optical depth of the iso-surfaces at the ends of a part; 0 without one."""
         crossed = part.behind
         assert crossed is not None
         matter = self.post.surfaces[1][crossed.surface] * (crossed.surface >= 0)[:, None]
         at_end = replace(part, middle=crossed.distance)
-        factor, highlight = self._surface(at_end, crossed.gradient * (self.look.iso == "lit"), rays)
+        factor, highlight = self._surface(at_end, crossed.gradient * (self.appearance.iso == "lit"), rays)
         matter[:, :3] = matter[:, :3] * factor[:, None] + matter[:, 3:] * highlight[:, None]
         return matter
 
-    def shade_part(self, part: Part, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
+    def shade_part(self, part: RaySegments, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
         """Factors of colours [P] and highlights [P] of a part, by its gradients, the mask's face, and the clip plane's
         face.
         """
-        light = self._surface(part, part.gradient if self.look.shading else np.zeros((len(part.pixel), 3)), rays)
-        if not self.look.shading:
+        light = self._surface(part, part.gradient if self.appearance.shading else np.zeros((len(part.pixel), 3)), rays)
+        if not self.appearance.shading:
             return light
         if self.mask is not None:
             face = self.mask.normals(self._points(part.middle, part.pixel, rays))
@@ -273,13 +285,13 @@ class SheetField:
             light = mix_light(light, self._surface(part, face, rays), part.faced * face.any(axis=1))
         return light
 
-    def _surface(self, part: Part, normal: np.ndarray, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
+    def _surface(self, part: RaySegments, normal: np.ndarray, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
         toward, reached = rays.toward[part.pixel], None
         if self.cues is not None:
             reached = self.cues.light_shares(self._points(part.middle, part.pixel, rays).T, normal, toward)
-        return surface_light(normal, toward, self.look.light, self.shines, reached)
+        return surface_light(normal, toward, self.appearance.light, self.shines, reached)
 
-    def classify(self, part: Part) -> np.ndarray:
+    def classify(self, part: RaySegments) -> np.ndarray:
         """[P, 4]: colour times optical depth, and optical depth of a part."""
         length, scale = (part.ends[1] - part.ends[0]) * part.stretch, self.post.span / self.spacing
         size = np.linalg.norm(part.gradient, axis=1) * scale
@@ -292,7 +304,7 @@ class SheetField:
 
 
 @dataclass(frozen=True, eq=False)
-class Crossed:
+class SurfaceHits:
     """Iso-surfaces at the ends of parts of rays. surface [P]: numbers, −1: none. gradient [P, 3]: there. distance [P]:
     theirs, index units, measured as for sheets.
     """
@@ -303,7 +315,7 @@ class Crossed:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class RaySegments:
     """Parts of the matter around sheets, of pixels [P], of several sheets in their order. number [P]: of the part among
     all of its ray, from 0. ends: its start and end, in sheets, counted from `sheet` [P].
 
@@ -322,7 +334,7 @@ class Part:
     stretch: np.ndarray
     faced: np.ndarray
     middle: np.ndarray
-    behind: Crossed | None = None
+    behind: SurfaceHits | None = None
 
     @property
     def gradient(self) -> np.ndarray:
@@ -424,8 +436,8 @@ class SheetScene:
         view = self.view = replace(resolved.view, kernel=tabulate(resolved.kernel.name))
         voxel = view.voxels(splats.positions)
         self.spacing = splats.grid.mean_spacing
-        self.row = Row.of(view, "row1", voxel, splats.grid)
-        self.boxes: Boxes = pixel_boxes(view, self.row.name, voxel, self.camera)
+        self.row = FootprintRow.of(view, "row1", voxel, splats.grid)
+        self.boxes: PixelBoxes = pixel_boxes(view, self.row.name, voxel, self.camera)
         place = self.sheets.places(view, splats.positions)
         self.base = self.sheets.base(place)
         self.weights = self.sheets.weights(place, self.base)
@@ -438,7 +450,7 @@ class SheetScene:
             self.many = last - self.first
         if splats.post is None:
             color = apply_light(splats.colors.astype(np.float64), splats, self.camera, voxel, resolved)
-            depth = self.row.attenuate_depth(splats, resolved.look.attenuation)
+            depth = self.row.attenuate_depth(splats, resolved.appearance.attenuation)
             self.terms = depth[:, None] * np.concatenate([color, np.ones((len(splats), 1))], axis=1)
         else:
             self.field = SheetField.of(splats, resolved, view, self.near.count if self.near else 0)
@@ -469,14 +481,14 @@ class SheetScene:
                 by_sheet[:, sheet - self.first] = near_sums(self.near, self.view.kernel, rays, sheet, self.sheets)
         return by_sheet
 
-    def pieces(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> Pieces:
+    def pieces(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> ConstantPieces:
         """Pieces of matter along the rays of wanted pixels, or along their parts between distances [P]."""
         sums, rays = self._sums(wanted), self._rays(wanted, near, far)
         if self.field is None:
             # a sheet's matter extends by half a sheet to both sides
             middle = self.first + np.arange(self.many)[None, :, None] + np.zeros((len(sums), 1, 1))
             sums = sums if near is None else sums * self._within(rays)[..., None]
-            return Pieces(self._depths(rays, middle + np.array([-0.5, 0.5])), sums)
+            return ConstantPieces(self._depths(rays, middle + np.array([-0.5, 0.5])), sums)
         all_pixels = np.ones(len(sums), bool)
         steps, both = self.field.segments(self.sheets), 1 + bool(self.field.post.transfer.iso)
         number = (self.many + 2) * steps
@@ -495,7 +507,7 @@ class SheetScene:
             thickness = (ends[:, n, 1] - ends[:, n, 0]) * (n % both)
             ends[:, n, 0] = np.maximum(ends[:, n, 0], ends[:, n - 1, 1])
             ends[:, n, 1] = np.maximum(ends[:, n, 1], ends[:, n, 0] + thickness)
-        return Pieces(self._depths(rays, ends), matter)
+        return ConstantPieces(self._depths(rays, ends), matter)
 
     def _rays(self, wanted: Pixels, near: np.ndarray | None, far: np.ndarray | None) -> Rays:
         """Rays of wanted pixels, clipped to distances if given; endless for splats classified before."""
@@ -517,7 +529,7 @@ class SheetScene:
         offset = np.broadcast_to(ray_offset(self.view, rays), len(places))[around]
         return np.asarray((places * self.sheets.thickness - offset) * (rays.stretch * self.spacing)[around])
 
-    def _add(self, sums: np.ndarray, pairs: Values) -> None:
+    def _add(self, sums: np.ndarray, pairs: PairValues) -> None:
         value, splat = pairs.integral.value, pairs.splat
         if self.field is not None:
             value = value / pairs.integral.peak
@@ -549,7 +561,7 @@ def near_sums(near: NearField, kernel: Kernel, rays: Rays, sheet: int, sheets: S
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class ConstantPieces:
     """Constant matter along rays, nearest first. ends [P, N, 2]: world distances from the eye, or from its plane.
 
     matter [P, N, 4]: emission and optical depth.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.errors import missing_extra
-from splatgl.report.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, PAPER_TABLE, Axis, axis_of, methods
+from splatgl.report.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, PAPER_TABLE, MethodAxis, axis_of, methods
 from splatgl.report.sweep import Point, SceneResults, front
 
 if TYPE_CHECKING:
@@ -205,7 +205,7 @@ def _ticks(plot: Plot) -> None:
     plot.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _on(axis: Axis, points: Mapping[str, Point]) -> list[Point]:
+def _on(axis: MethodAxis, points: Mapping[str, Point]) -> list[Point]:
     return [points[method.name] for method in axis.methods if method.name in points]
 
 

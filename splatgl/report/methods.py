@@ -54,8 +54,8 @@ class Method:
             chosen = Settings.paper(**shared)
         if self.z_s_share is not None:
             near, far = max(depths[0], 0.0), depths[1]
-            chosen = chosen.but(z_s=near + self.z_s_share * (far - near))
-        return chosen.but(**self.changes)
+            chosen = chosen.replace(z_s=near + self.z_s_share * (far - near))
+        return chosen.replace(**self.changes)
 
     @property
     def words(self) -> str:
@@ -70,7 +70,7 @@ Methods = tuple[Method, ...]
 
 
 @dataclass(frozen=True)
-class Axis:
+class MethodAxis:
     """Methods of one varied quantity. truths: of its diagrams; connected: whether a line joins the methods.
 
     fronts: truths for whose front it competes, since other methods draw the same image; None: all `truths`. apart:
@@ -95,7 +95,7 @@ class Axis:
         return self.truths if self.apart else ALL
 
 
-AXES: dict[str, Axis] = {}
+AXES: dict[str, MethodAxis] = {}
 # names for newcomers of methods that others are named after
 WORDS = {
     "exact": "single splats",
@@ -107,7 +107,7 @@ WORDS = {
 }
 
 
-def register(axis: Axis) -> Axis:
+def register(axis: MethodAxis) -> MethodAxis:
     """Adds an axis to all reports. Raises InputError for a name in use."""
     taken = {axis.name for axis in AXES.values()} | set(methods())
     for name in (axis.name, *(method.name for method in axis.methods)):
@@ -122,7 +122,7 @@ def methods() -> dict[str, Method]:
     return {method.name: method for axis in AXES.values() for method in axis.methods}
 
 
-def axis_of(name: str) -> Axis:
+def axis_of(name: str) -> MethodAxis:
     """The axis of a method."""
     return next(axis for axis in AXES.values() if any(method.name == name for method in axis.methods))
 
@@ -147,9 +147,9 @@ def _supersampled(name: str, counts: tuple[int, ...], **others: Any) -> Methods:
     return tuple(variants)
 
 
-def _post_axis(kernel: str) -> Axis:
+def _post_axis(kernel: str) -> MethodAxis:
     """The axis of values that a kernel reconstructs."""
-    return Axis(
+    return MethodAxis(
         f"post {kernel}",
         "classified after reconstruction, in sheets; at one and at k×k samples a pixel",
         _supersampled(f"post {kernel}", SAMPLES, classification="post", kernel=kernel),
@@ -158,9 +158,9 @@ def _post_axis(kernel: str) -> Axis:
     )
 
 
-def _kernel_axis(name: str, kernel: str) -> Axis:
+def _kernel_axis(name: str, kernel: str) -> MethodAxis:
     """The axis of single splats of a kernel."""
-    return Axis(
+    return MethodAxis(
         name,
         "another kernel, against its own truths: not on their fronts, since it is another picture",
         (Method(kernel, {"kernel": kernel}, kernel),),
@@ -188,7 +188,7 @@ PAPER_TABLE, PAPER_FLOAT = "paper, 8-bit table", "paper, 32 bits"
 EWA, BESIDE_EWA, GAUSSIANS = "ewa splatting", "exact beside ewa", {"kernel": "gaussian", "attenuation": "opacity"}
 SAMPLES, SIZES, QUICK_SIZES = (1, 2, 4), (32, 64, 128, 256, 512), (32, 128, 512)
 for _axis in (
-    Axis(
+    MethodAxis(
         "default",
         "what settings on auto draw: sheets, classified after reconstruction where the scene allows it, k×k samples",
         (Method(DEFAULT, from_scene=True),),
@@ -196,7 +196,7 @@ for _axis in (
         connected=False,
         apart=True,
     ),
-    Axis(
+    MethodAxis(
         "settings",
         "the practical settings of 1998, with their 8 bits and without, and the splats that are drawn exactly",
         (
@@ -208,13 +208,13 @@ for _axis in (
         ALL,
         connected=False,
     ),
-    Axis(
+    MethodAxis(
         "form",
         "the footprint's form: one plane or direction for all, or the ray's own",
         tuple(Method(name, {"align": name}, name) for name in ("grid", "ray")),
         connected=False,
     ),
-    Axis(
+    MethodAxis(
         "hybrid",
         "ray-perpendicular up to z_s, grid-aligned beyond",
         tuple(
@@ -222,28 +222,28 @@ for _axis in (
             for share in (0.25, 0.5, 0.75)
         ),
     ),
-    Axis(
+    MethodAxis(
         "hybrid by tolerance",
         "z_s taken from --tolerance",
         _variants("hybrid", "tolerance", (1e-1, 1e-2, 1e-3), (1e-2,), align="hybrid"),
     ),
-    Axis(
+    MethodAxis(
         "table",
         "texels along each side of a footprint texture, exact",
         _variants("table", "table_size", SIZES, QUICK_SIZES, footprint="table", align="exact"),
     ),
-    Axis(
+    MethodAxis(
         "table bits",
         "bits a texel of 256×256, exact",
         _variants("bits", "table_bits", (8, 16), footprint="table", align="exact"),
     ),
-    Axis(
+    MethodAxis(
         "radial",
         "entries of a table over the squared distance, exact",
         _variants("radial", "table_size", SIZES, QUICK_SIZES, align="exact"),
     ),
     _kernel_axis("kernel", "gaussian"),
-    Axis(
+    MethodAxis(
         "ewa",
         "EWA splatting, in float64 and untimed, beside form b′ of the same Gaussians; both weaken opacity",
         (Method(EWA, GAUSSIANS, row="ewa"), Method(BESIDE_EWA, GAUSSIANS)),
@@ -251,21 +251,21 @@ for _axis in (
         connected=False,
         fronts=(),
     ),
-    Axis(
+    MethodAxis(
         "attenuation",
         "what weakens beyond z_k",
         _variants("attenuation", "attenuation", ("opacity", "optical-depth")),
         FILTERING,
         connected=False,
     ),
-    Axis(
+    MethodAxis(
         "antialiasing off",
         "a sample in the middle of each pixel",
         (Method("no antialiasing", {"antialias": "off"}, "off"),),
         FILTERING,
         connected=False,
     ),
-    Axis(
+    MethodAxis(
         "supersampling",
         "k×k samples a pixel, instead of antialiased splats",
         tuple(
@@ -274,33 +274,35 @@ for _axis in (
         ),
         FILTERING,
     ),
-    Axis(
+    MethodAxis(
         "target",
         "the frame buffer's numbers; 8 bits mix display values",
         _variants("target", "target", ("rgba16f", "rgba8")),
         connected=False,
     ),
-    Axis("technique", "quads instead of tiles", (Method("quads", {"technique": "quads"}, "quads"),), connected=False),
-    Axis(
+    MethodAxis(
+        "technique", "quads instead of tiles", (Method("quads", {"technique": "quads"}, "quads"),), connected=False
+    ),
+    MethodAxis(
         "occlusion",
         "no tile ends before its list",
         (Method("no occlusion", {"occlusion": "off"}, "no occlusion"),),
         connected=False,
     ),
-    Axis("tolerance", "what --tolerance asks for", _variants("tolerance", "tolerance", (1e-1, 1e-2, 1e-3, 1e-4))),
-    Axis(
+    MethodAxis("tolerance", "what --tolerance asks for", _variants("tolerance", "tolerance", (1e-1, 1e-2, 1e-3, 1e-4))),
+    MethodAxis(
         "threshold",
         "voxels below that opacity left out",
         tuple(Method(f"threshold {t:g}", {}, f"{t:g}", threshold=t) for t in (0.01, 0.03, 0.1)),
         ALL,
     ),
-    Axis(
+    MethodAxis(
         "preview",
         "voxels joined 2×2×2, and again: what a window draws while it moves",
         tuple(Method(f"preview 1/{2**n}", {}, f"1/{2**n}", coarse=n) for n in (1, 2)),
         ALL,
     ),
-    Axis(
+    MethodAxis(
         "sheets",
         "splats add up within as many sheets, which composite; classified before",
         tuple(Method(f"sheets {n}", {"compositing": "sheets", "sheets": n}, str(n), quick=n == 3) for n in (2, 3, 4)),

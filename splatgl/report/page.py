@@ -29,7 +29,7 @@ from splatgl.report.methods import (
     TRUTHS,
     methods,
 )
-from splatgl.report.sweep import Level, Point, SceneResults, Timing, Truths, front
+from splatgl.report.sweep import EffortLevel, Point, SceneResults, Timing, Truths, front
 
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer
@@ -273,7 +273,7 @@ STYLE, PAGE = "page.css", "report.html"
 def page(
     scenes: Sequence[SceneResults],
     head: Mapping[str, Any],
-    level: Level,
+    level: EffortLevel,
     diagrams: Mapping[str, bytes],
     strips: Mapping[str, str],
 ) -> str:
@@ -328,7 +328,7 @@ def as_csv(scenes: Sequence[SceneResults]) -> str:
 
 
 def publish(
-    scenes: Sequence[SceneResults], head: Mapping[str, Any], level: Level, folder: Path, strips: Mapping[str, str]
+    scenes: Sequence[SceneResults], head: Mapping[str, Any], level: EffortLevel, folder: Path, strips: Mapping[str, str]
 ) -> list[str]:
     """Writes the page, the numbers and the diagrams; returns a line about them, and a line about missing files."""
     told = []

@@ -37,7 +37,7 @@ Tick = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Level:
+class EffortLevel:
     """Level of effort.
 
     size: pixels of an image's longer side. rounds: timings per method. splats: approximate maximum, beyond which
@@ -63,14 +63,14 @@ class Level:
 
 
 LEVELS = {
-    "quick": Level("quick", 64, 5, 30_000, 16, 2, 2, 1 << 17, False),
-    "normal": Level("normal", 128, 7, 200_000, 16, 4, 2, 1 << 19, True),
-    "full": Level("full", 256, 11, None, 16, 4, 4, 1 << 21, True),
+    "quick": EffortLevel("quick", 64, 5, 30_000, 16, 2, 2, 1 << 17, False),
+    "normal": EffortLevel("normal", 128, 7, 200_000, 16, 4, 2, 1 << 19, True),
+    "full": EffortLevel("full", 256, 11, None, 16, 4, 4, 1 << 21, True),
 }
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
+class ReportSubject:
     """A scene with its camera. note: its modifications. content: volume and transfer function, for the field; None:
     splats alone. build: (threshold, number of 2× downsamplings, kernel of values that are classified after
     reconstruction, else "") → splats. formula: sampled by the volume, None if unknown. cache: extracted splats.
@@ -88,7 +88,7 @@ class Subject:
     seconds: dict[int, float] = field(default_factory=dict)
 
     @classmethod
-    def open(cls, source: str, level: Level) -> Subject:
+    def open(cls, source: str, level: EffortLevel) -> ReportSubject:
         """The scene of a source, downsampled to at most the level's number of splats. Raises InputError as `extract`,
         and for a scene without voxels.
         """
@@ -189,7 +189,7 @@ TIGHT = 1e-9
 class Truths:
     """Truths of one scene, each drawn once."""
 
-    def __init__(self, renderer: Renderer, subject: Subject, level: Level) -> None:
+    def __init__(self, renderer: Renderer, subject: ReportSubject, level: EffortLevel) -> None:
         self.renderer, self.subject, self.level = renderer, subject, level
         self.cache: dict[tuple[str, Settings], np.ndarray] = {}
 
@@ -265,7 +265,7 @@ class Truths:
         return np.asarray(pixels + (1 - pixels[..., 3:]) * np.array([*settings.ground, 1.0]))
 
     def _sampled(self, settings: Settings, samples: int) -> np.ndarray:
-        exact = settings.but(
+        exact = settings.replace(
             antialias="supersample" if samples > 1 else "off",
             samples=samples,
             align="exact",
@@ -310,7 +310,7 @@ def front(points: Sequence[Point]) -> list[Point]:
 
 
 @dataclass
-class Row:
+class ResultRow:
     """One method on one scene. same_as: method of an equal picture. omitted: why it was not drawn. missing: why it has
     no error, by truth. errors: by truth and name, as of `errors`. bound: on the error of drawing. extraction: seconds.
     """
@@ -335,10 +335,10 @@ class Row:
 class SceneResults:
     """Rows of a scene, in the order of the registry."""
 
-    subject: Subject
-    rows: list[Row] = field(default_factory=list)
+    subject: ReportSubject
+    rows: list[ResultRow] = field(default_factory=list)
 
-    def row(self, method: str) -> Row | None:
+    def row(self, method: str) -> ResultRow | None:
         """Row of a method; None if there is none."""
         return next((row for row in self.rows if row.method == method), None)
 
@@ -404,14 +404,14 @@ class Sweep:
         """Draws each method once, and measures its errors."""
         for method in requested:
             tick(f"{self.subject.name}: {method.name}")
-            row = Row(method.name)
+            row = ResultRow(method.name)
             try:
                 self._picture(method, row)
             except InputError as error:
                 row.omitted = str(error)
             self.results.rows.append(row)
 
-    def _picture(self, method: Method, row: Row) -> None:
+    def _picture(self, method: Method, row: ResultRow) -> None:
         """Fills the row of a method. Raises InputError if the scene does not allow it."""
         splats, settings = self.subject.inputs(method)
         plan = self.renderer.plan(splats, self.subject.camera, settings)

@@ -19,7 +19,7 @@ from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import expected
 from splatgl.fileio import within
 from splatgl.options import (
-    Group,
+    HelpGroup,
     OptionGroup,
     by_fields,
     declared,
@@ -28,7 +28,7 @@ from splatgl.options import (
     keyword,
     keywords_of,
     names_of,
-    refuse_unknown,
+    reject_unknown,
     with_keywords,
 )
 from splatgl.readers.options import LoadOptions
@@ -82,7 +82,7 @@ def _groups() -> Iterator[tuple[str, str]]:
 _GROUPS = dict(_groups())
 
 
-def _of_group(group: Group) -> dict[str, Parameter]:
+def _of_group(group: HelpGroup) -> dict[str, Parameter]:
     return {name: parameter for name, parameter in PLAIN.items() if _GROUPS.get(name) == group}
 
 
@@ -95,7 +95,7 @@ class View(OptionGroup):
     ```
     """
 
-    known = _of_group(Group.VIEW)
+    known = _of_group(HelpGroup.VIEW)
     record = ViewOptions
     if TYPE_CHECKING:
 
@@ -105,7 +105,7 @@ class View(OptionGroup):
 class Look(OptionGroup):
     """Keywords of the transfer function, as an object for `look=`: preset, points, colormap, window, …"""
 
-    known = _of_group(Group.TRANSFER)
+    known = _of_group(HelpGroup.TRANSFER)
     if TYPE_CHECKING:
 
         def __init__(self, **options: Unpack[LookKeywords]) -> None: ...
@@ -114,7 +114,7 @@ class Look(OptionGroup):
 class Cuts(OptionGroup):
     """Keywords of clipping and masks, as an object for `cuts=`: clip, crop, mask, …"""
 
-    known = _of_group(Group.CLIPPING)
+    known = _of_group(HelpGroup.CLIPPING)
     if TYPE_CHECKING:
 
         def __init__(self, **options: Unpack[CutsKeywords]) -> None: ...
@@ -123,7 +123,7 @@ class Cuts(OptionGroup):
 class Light(OptionGroup):
     """Keywords of the picture and its light, as an object for `light=`: blend, light, shadows, background, …"""
 
-    known = _of_group(Group.PICTURE)
+    known = _of_group(HelpGroup.PICTURE)
     record = Settings
     if TYPE_CHECKING:
 
@@ -133,7 +133,7 @@ class Light(OptionGroup):
 class Check(OptionGroup):
     """Keywords of accuracy, as an object for `check=`: tolerance, antialias, samples, kernel, …"""
 
-    known = _of_group(Group.ACCURACY)
+    known = _of_group(HelpGroup.ACCURACY)
     record = Settings
     if TYPE_CHECKING:
 
@@ -297,7 +297,7 @@ def scene_of(x: Any, transfer: Any, camera: Any, settings: Any, keywords: Mappin
         known = [*drawing, *TRANSFER, *SCENE, "transfer", "camera", "settings", "memory", *reading]
         for name in rest:
             allowed = f"options of the view, the settings, or {', '.join(reading)}"
-            refuse_unknown("options", [name], known, allowed)
+            reject_unknown("options", [name], known, allowed)
         # a number, or the extent, is the length that opacities refer to
         unit = rest.get("unit")
         of_transfer = {"unit"} if is_number(unit) or str(unit) == EXTENT else set()

@@ -21,7 +21,7 @@ from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, format_bytes, parse_bytes
 from splatgl.opengl import OpenGL
-from splatgl.options import Group, Kind, check_options, declared, no_effect, option
+from splatgl.options import HelpGroup, ValueKind, check_options, declared, no_effect, option
 from splatgl.scene.open_scene import PATIENCE, OpenScene, channel_layers, print_lines, provenance_of
 from splatgl.scene.slice_sheet import draw_slices
 from splatgl.splat.settings import Settings
@@ -44,9 +44,9 @@ def read_amount(text: str) -> int | float:
     return amount
 
 
-_accuracy = partial(option, group=Group.ACCURACY)
-_speed = partial(option, group=Group.SPEED)
-_workers = partial(option, group=Group.WORKERS)
+_accuracy = partial(option, group=HelpGroup.ACCURACY)
+_speed = partial(option, group=HelpGroup.SPEED)
+_workers = partial(option, group=HelpGroup.WORKERS)
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,9 @@ class DrawOptions:
     early: Future[Renderer | None] | None = None
     memory: int | None = _speed(
         None,
-        Kind(
+        ValueKind(
             "a number of bytes",
-            lambda value: parse_bytes(value) if isinstance(value, str) else Kind.whole(0).check(value),
+            lambda value: parse_bytes(value) if isinstance(value, str) else ValueKind.whole(0).check(value),
             parse_bytes,
             "SIZE",
             written="a number of bytes, such as 4GiB or 500MB",
@@ -73,7 +73,7 @@ class DrawOptions:
     )
     check: int | float | None = _accuracy(
         None,
-        Kind(
+        ValueKind(
             "a number of pixels, or seconds such as 0.5s",
             lambda value: read_amount(str(value) + "s" * isinstance(value, float)),
             read_amount,
@@ -85,10 +85,14 @@ class DrawOptions:
         "large volumes 10, with --field or without a bound)",
     )
     check_field: bool = _accuracy(
-        False, Kind.flag(), "also compare some pixels with the field that the picture shows", flag="--field", bare=True
+        False,
+        ValueKind.flag(),
+        "also compare some pixels with the field that the picture shows",
+        flag="--field",
+        bare=True,
     )
-    explain: bool = _accuracy(False, Kind.flag(), "print what is drawn, what is left out, and why", bare=True)
-    savings: bool = _speed(False, Kind.flag(), "also measure the time saved by each skipped step", bare=True)
+    explain: bool = _accuracy(False, ValueKind.flag(), "print what is drawn, what is left out, and why", bare=True)
+    savings: bool = _speed(False, ValueKind.flag(), "also measure the time saved by each skipped step", bare=True)
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -137,8 +141,8 @@ class DrawOptions:
                 raise expected(declared(DrawOptions)[name].flag or f"--{name}", need, got, fix)
 
 
-_whole = Kind.whole(0)
-_DEVICES = Kind(
+_whole = ValueKind.whole(0)
+_DEVICES = ValueKind(
     "whole numbers",
     lambda value: tuple(map(_whole.check, value)),
     lambda text: tuple(_whole.check(int(part)) for part in text.split(",")),
@@ -151,10 +155,10 @@ _DEVICES = Kind(
 class WorkerOptions:
     """Processes that draw, of this machine or of a scheduler of Dask."""
 
-    workers: int | None = _workers(None, Kind.whole(1, 1024), "draw in N processes of this machine")
+    workers: int | None = _workers(None, ValueKind.whole(1, 1024), "draw in N processes of this machine")
     scheduler: str | None = _workers(
         None,
-        Kind.instance("an address", str, metavar="ADDRESS"),
+        ValueKind.instance("an address", str, metavar="ADDRESS"),
         "draw with the workers of a Dask scheduler, tcp://…:8786",
     )
     devices: Sequence[int] = _workers((), _DEVICES, "EGL devices of the workers, in turn")

@@ -17,7 +17,7 @@ from splatgl.data.mesh import CAPS, OF_VOLUME
 from splatgl.data.volume import Volume, empty_volume
 from splatgl.errors import InputError, error_prefix, expected
 from splatgl.fileio import toml_rows
-from splatgl.options import Group, Kind, Option, check_options, declared, non_default, option, refuse_unknown
+from splatgl.options import HelpGroup, Option, ValueKind, check_options, declared, non_default, option, reject_unknown
 from splatgl.readers.points import is_points
 
 if TYPE_CHECKING:
@@ -33,21 +33,21 @@ class MeshFile:
     name in lists; "": the file's.
     """
 
-    file: str = field(metadata={"option": Option(Kind.instance("the name of a file", str))})
-    color: str = option("", Kind.instance("the name of a colour", str))
-    opacity: float = option(1.0, Kind.number("a factor from 0 to 1", 0, 1))
-    radius: float | None = option(None, Kind.number())
-    array: str = option("", Kind.instance("the name of an array", str))
-    window: tuple[float, float] | None = option(None, Kind.interval())
-    clip: bool = option(False, Kind.flag())
+    file: str = field(metadata={"option": Option(ValueKind.instance("the name of a file", str))})
+    color: str = option("", ValueKind.instance("the name of a colour", str))
+    opacity: float = option(1.0, ValueKind.number("a factor from 0 to 1", 0, 1))
+    radius: float | None = option(None, ValueKind.number())
+    array: str = option("", ValueKind.instance("the name of an array", str))
+    window: tuple[float, float] | None = option(None, ValueKind.interval())
+    clip: bool = option(False, ValueKind.flag())
     caps: str = option(
         "",
-        Kind.choice(CAPS),
+        ValueKind.choice(CAPS),
         "close meshes where --clip and --crop cut them, in their colour or with the volume's values there",
-        group=Group.LAYERS,
+        group=HelpGroup.LAYERS,
     )
-    visible: bool = option(True, Kind.flag())
-    title: str = option("", Kind.instance("a name", str))
+    visible: bool = option(True, ValueKind.flag())
+    title: str = option("", ValueKind.instance("a name", str))
     held: Mesh | None = None
 
     def __post_init__(self) -> None:
@@ -104,7 +104,7 @@ class MeshFile:
         """The entry of a table of a scene file. Raises InputError for unknown keys and bad values."""
         if not isinstance(table, Mapping):
             raise expected(what, "a table", repr(table)[:80])
-        refuse_unknown(what, table, declared(cls))
+        reject_unknown(what, table, declared(cls))
         if "file" not in table:
             raise expected(what, "the key file", ", ".join(table) or "none")
         with error_prefix(what):
@@ -162,7 +162,7 @@ def is_mesh(source: str) -> bool:
     return Path(source).suffix.lower() in ALONE and not is_points(source)
 
 
-def refuse_volume_options(mesh: str, names: Sequence[str]) -> None:
+def reject_volume_options(mesh: str, names: Sequence[str]) -> None:
     """Raises InputError for options, by their names, that change only volumes, where a mesh is drawn without one."""
     if names:
         fix = "--clip-meshes clips meshes" if names[0] == "clip" else "name the volume first and meshes by --mesh"
@@ -228,13 +228,13 @@ LINES, ARROWS, MOST = 200, 400, 10_000
 VECTORS = {"vectors": "show", "streamlines": "streamlines", "arrows": "arrows"}
 
 
-def _count(usual: int) -> Kind:
+def _count(usual: int) -> ValueKind:
     """A number of lines or arrows; True: the default number."""
-    count = Kind.whole(0, MOST, f"a whole number up to {MOST}")
+    count = ValueKind.whole(0, MOST, f"a whole number up to {MOST}")
     return replace(count, check=lambda value: usual if value is True else count.check(value or 0))
 
 
-_option = partial(option, group=Group.LAYERS)
+_option = partial(option, group=HelpGroup.LAYERS)
 
 
 @dataclass(frozen=True)
@@ -245,7 +245,7 @@ class Vectors:
 
     show: str = _option(
         "",
-        Kind.choice(SHOWN),
+        ValueKind.choice(SHOWN),
         "draw the vectors' lengths instead of values, coloured by direction or not",
         flag="--vectors",
     )
@@ -255,7 +255,7 @@ class Vectors:
     arrows: int = _option(
         0, _count(ARROWS), f"arrows along the vectors, coloured by speed (default {ARROWS})", bare=ARROWS
     )
-    colormap: str = option("viridis", Kind.instance("a name", str))
+    colormap: str = option("viridis", ValueKind.instance("a name", str))
 
     def __post_init__(self) -> None:
         check_options(self)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from splatgl import __version__
 from splatgl.annotations.annotate import ROOM, check_size, with_time
-from splatgl.annotations.canvas import Scale, Subject
+from splatgl.annotations.canvas import AnnotatedSubject, ColorScale
 from splatgl.data.color import AUTO
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Label, Volume
@@ -166,7 +166,7 @@ class OpenScene:
     @property
     def fitted(self) -> Bounded:
         """Subject to which a view without an eye is fitted."""
-        from splatgl.planning.culling import Opaque
+        from splatgl.planning.culling import OpaqueBounds
         from splatgl.planning.resolve import why_per_splat
         from splatgl.splat.extract import why_only_pre
 
@@ -180,13 +180,13 @@ class OpenScene:
         # of several levels, one is chosen by the camera
         if is_pre and not volume.coarser and len(self.splats):
             return self.splats
-        return Opaque(volume, self.transfer)
+        return OpaqueBounds(volume, self.transfer)
 
     @property
-    def annotated_subject(self) -> Subject:
+    def annotated_subject(self) -> AnnotatedSubject:
         """Box, unit, frame and scales of the volume and the meshes, for annotations."""
-        scales, is_empty = Scale.of(self.scene.meshes), is_mesh(self.file.volume)
-        subject = Subject.of(self.volume, self.legend[0])
+        scales, is_empty = ColorScale.of(self.scene.meshes), is_mesh(self.file.volume)
+        subject = AnnotatedSubject.of(self.volume, self.legend[0])
         return replace(subject, scales=scales, empty=is_empty, measures=self.file.measures)
 
     @property
@@ -214,7 +214,7 @@ class OpenScene:
         single volume, which is no step of a series, keep only transparent voxels.
         """
         from splatgl.planning.bricks import excess_bricks
-        from splatgl.planning.culling import Opaque
+        from splatgl.planning.culling import OpaqueBounds
 
         for layer in () if self.is_single else self.scene.shown:
             look = layer.volume, layer.seen, self.file.settings
@@ -223,7 +223,7 @@ class OpenScene:
                 this, got = f"a layer that fits into {format_bytes(budget())}", format_bytes(excess[1].bytes)
                 raise expected(layer.volume.name or "layer", this, got, "give more --memory, or use a smaller volume")
         is_masked = self.is_single and self.file.look is None and self.volume.masks
-        if is_masked and Opaque(self.volume, self.transfer).nothing:
+        if is_masked and OpaqueBounds(self.volume, self.transfer).nothing:
             fix = "set the points to the values that matter, or take another mask"
             raise expected(self.file.volume, "voxels with an opacity that its masks keep", "none", fix)
 
@@ -249,19 +249,19 @@ def cut_scene(file: SceneFile, volume: Volume) -> tuple[SceneFile, Volume]:
 
     Scissors without a camera take the view of the whole. The view is fitted to the crop, or to a box with numbers.
     """
-    from splatgl.geometry.camera import Part
+    from splatgl.geometry.camera import FittedPoints
 
     if file.scissors:
         whole = OpenScene.of(replace(file, scissors=()), volume)
         camera = whole.camera
         scissors = tuple(each.seen_by(camera, volume.world) for each in file.scissors)
-        view = whole.file.view.fitted(Part(whole.fitted.outline, volume.frame))
+        view = whole.file.view.fitted(FittedPoints(whole.fitted.outline, volume.frame))
         file = replace(file, scissors=scissors, view=view)
         volume = cut_volume(volume, scissors)
     file = file.cut(volume)
     if "box" in file.annotate:
         corners = volume.center + (volume.corners - volume.center) * ROOM
-        file = replace(file, view=file.view.fitted(Part(corners, volume.frame)))
+        file = replace(file, view=file.view.fitted(FittedPoints(corners, volume.frame)))
     return file, volume
 
 

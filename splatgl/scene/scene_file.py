@@ -41,8 +41,8 @@ from splatgl.fileio import load_table, toml_rows, toml_value
 from splatgl.geometry.scissors import FORM, Scissors
 from splatgl.geometry.slices import SLICE_PLANES, SLICES
 from splatgl.options import (
-    Group,
-    Kind,
+    HelpGroup,
+    ValueKind,
     check_options,
     checked,
     declared,
@@ -50,7 +50,7 @@ from splatgl.options import (
     no_effect,
     non_default,
     option,
-    refuse_unknown,
+    reject_unknown,
 )
 from splatgl.readers import find_labels, load_source
 from splatgl.readers.options import LoadOptions
@@ -62,7 +62,7 @@ from splatgl.scene.meshes import (
     Vectors,
     clipped_meshes,
     is_mesh,
-    refuse_volume_options,
+    reject_volume_options,
     split_look,
     stage,
 )
@@ -83,7 +83,7 @@ from splatgl.scene.transfer_choice import (
     place_files,
     plain_values,
     read_nodes,
-    refuse_both,
+    reject_both,
     several,
     transfer_notes,
     with_window,
@@ -103,7 +103,7 @@ from splatgl.transfer.presets import (
     projection_transfer,
     with_preset_blend,
 )
-from splatgl.transfer.statistics import without_far_values
+from splatgl.transfer.statistics import without_outlier_values
 from splatgl.transfer.transfer import Transfer
 
 # types of the keys of a scene file that are not options
@@ -143,9 +143,11 @@ def _scissors(value: Any) -> tuple[Scissors, ...]:
     return tuple(map(Scissors.of, [value] if one else value))
 
 
-_clipping = partial(option, group=Group.CLIPPING)
-_layers = partial(option, group=Group.LAYERS)
-_LAYER = Kind("an opacity from 0 to 1", tuple, lambda text: SceneFile.read(text), "FILE[:LOOK[:OPACITY]]", hint="Any")
+_clipping = partial(option, group=HelpGroup.CLIPPING)
+_layers = partial(option, group=HelpGroup.LAYERS)
+_LAYER = ValueKind(
+    "an opacity from 0 to 1", tuple, lambda text: SceneFile.read(text), "FILE[:LOOK[:OPACITY]]", hint="Any"
+)
 
 
 @dataclass(frozen=True)
@@ -165,14 +167,14 @@ class SceneFile:
     view: ViewOptions = field(default_factory=ViewOptions)
     settings: Settings = field(default_factory=Settings)
     threshold: float = option(
-        0.0, Kind.number(metavar="T"), "draw voxels of a higher opacity only (default 0)", group=Group.TRANSFER
+        0.0, ValueKind.number(metavar="T"), "draw voxels of a higher opacity only (default 0)", group=HelpGroup.TRANSFER
     )
-    opacity: float = option(1.0, Kind.number("a factor from 0 to 1", 0, 1))
-    visible: bool = option(True, Kind.flag())
-    title: str = option("", Kind.instance("a name", str))
+    opacity: float = option(1.0, ValueKind.number("a factor from 0 to 1", 0, 1))
+    visible: bool = option(True, ValueKind.flag())
+    title: str = option("", ValueKind.instance("a name", str))
     clip: tuple[Any, ...] | None = _clipping(
         None,
-        Kind("conditions", _clip, metavar="CONDITION", hint="str | Sequence[Any]"),
+        ValueKind("conditions", _clip, metavar="CONDITION", hint="str | Sequence[Any]"),
         "keep a part, such as x>0.3, z<=30mm or x+y>1. By shares of the volume's box, by lengths, or by a point and a "
         "normal; repeatable",
         level="basic",
@@ -180,31 +182,33 @@ class SceneFile:
     )
     crop: str = _clipping(
         "",
-        Kind.instance("A:B,C:D,E:F, voxels along x, y and z", str, metavar="A:B,C:D,E:F"),
+        ValueKind.instance("A:B,C:D,E:F, voxels along x, y and z", str, metavar="A:B,C:D,E:F"),
         "keep these voxels along x, y, z, and fit the view to them",
     )
     mask: tuple[Any, ...] | None = _clipping(
         None,
-        Kind("FILE[:N,N…][:outside], or several", several, metavar="FILE[:N,N…][:outside]", hint="Any"),
+        ValueKind("FILE[:N,N…][:outside], or several", several, metavar="FILE[:N,N…][:outside]", hint="Any"),
         "keep voxels inside a mask file. N,N…: inside these labels of it; outside: outside of them; repeatable",
         level="basic",
         repeat=True,
     )
     uncut: str | Volume | Scissors = _clipping(
         "",
-        Kind("labels, or FILE[:N,N…][:outside]", _uncut, metavar="N,N…|FILE[:N,N…]", hint="str | int | Sequence[int]"),
+        ValueKind(
+            "labels, or FILE[:N,N…][:outside]", _uncut, metavar="N,N…|FILE[:N,N…]", hint="str | int | Sequence[int]"
+        ),
         "leave segments whole that --clip and --crop would cut. Labels of the drawn segmentation, or of a file",
     )
     scissors: tuple[Scissors, ...] = _clipping(
         (),
-        Kind("an outline", _scissors, Scissors, '"X,Y X,Y X,Y…[:keep]"', written=FORM, hint="Any"),
+        ValueKind("an outline", _scissors, Scissors, '"X,Y X,Y X,Y…[:keep]"', written=FORM, hint="Any"),
         "remove what lies under an outline in the picture. Corners are shares of its width and height; keep: keep only "
         "that; repeatable",
         repeat=True,
     )
     surfaces: float | None = _layers(
         None,
-        Kind("a strength of smoothing from 0 to 1", check_strength, float, "S", hint="float"),
+        ValueKind("a strength of smoothing from 0 to 1", check_strength, float, "S", hint="float"),
         f"draw segmentations as smooth closed surfaces, smoothed by 0 to 1 (default {SMOOTHING:g})",
         bare=SMOOTHING,
     )
@@ -218,7 +222,7 @@ class SceneFile:
     )
     meshes: tuple[MeshFile, ...] = _layers(
         (),
-        Kind("an opacity from 0 to 1", tuple, MeshFile.read, "FILE[:COLOUR[:OPACITY]]", hint="Any"),
+        ValueKind("an opacity from 0 to 1", tuple, MeshFile.read, "FILE[:COLOUR[:OPACITY]]", hint="Any"),
         "a surface (.stl, .vtp, .obj, …) or lines (.trk, .tck). COLOUR: or MAP=ARRAY for values; repeatable",
         level="basic",
         flag="--mesh",
@@ -226,9 +230,9 @@ class SceneFile:
     )
     annotate: tuple[str, ...] = option(
         (),
-        Kind("names", _annotations, metavar="NAMES", hint="str | Sequence[str] | None"),
+        ValueKind("names", _annotations, metavar="NAMES", hint="str | Sequence[str] | None"),
         "scale, colorbar, axes, directions, box, title=TEXT. Or time=TEXT; several are separated by commas",
-        group=Group.PICTURE,
+        group=HelpGroup.PICTURE,
         level="basic",
     )
     slices: tuple[str, ...] = field(default=(), metadata={"option": SLICES})
@@ -275,11 +279,11 @@ class SceneFile:
         table = load_table(path, "a scene")
         scene = cls._of_table(str(path), table, TABLES)
         camera, vector_keys = table.get("camera", {}), table.get("vectors", {})
-        refuse_unknown(f"{path} [camera]", camera, names_of(ViewOptions))
+        reject_unknown(f"{path} [camera]", camera, names_of(ViewOptions))
         with error_prefix(f"{path} [camera]"):
             view = ViewOptions(**camera)
         with error_prefix(f"{path} [settings]"):
-            settings = Settings().but(**table.get("settings", {}))
+            settings = Settings().replace(**table.get("settings", {}))
         layers, meshes = [], []
         for place, layer in enumerate(table.get("layer", []), 1):
             source = f"{path} [[layer]] {place}"
@@ -289,10 +293,10 @@ class SceneFile:
         for place, mesh in enumerate(table.get("mesh", []), 1):
             meshes.append(MeshFile.of_table(f"{path} [[mesh]] {place}", mesh))
         with error_prefix(f"{path} [vectors]"):
-            refuse_unknown("vectors", vector_keys, declared(Vectors))
+            reject_unknown("vectors", vector_keys, declared(Vectors))
             vectors = Vectors(**vector_keys)
         animation = table.get("animation", {})
-        refuse_unknown(f"{path} [animation]", animation, ANIMATION)
+        reject_unknown(f"{path} [animation]", animation, ANIMATION)
         rows = enumerate(table.get("measure", []), 1)
         measures = tuple(Measure.of_table(f"{path} [[measure]] {place}", row) for place, row in rows)
         parts = {"layers": tuple(layers), "meshes": tuple(meshes), "vectors": vectors, "animation": animation}
@@ -302,14 +306,14 @@ class SceneFile:
     @classmethod
     def _of_table(cls, source: str, table: Mapping[str, Any], tables: Collection[str]) -> SceneFile:
         """Returns the scene, or one of the layers, from the options in a table. tables: further keys."""
-        refuse_unknown(source, table, sorted([*PLAIN, *tables]))
+        reject_unknown(source, table, sorted([*PLAIN, *tables]))
         for key in tables:
             if not isinstance(table.get(key, TABLES[key]()), TABLES[key]):
                 raise expected(f"{source}: {key}", TABLES[key].__name__, repr(table[key]))
         if "volume" not in table:
             raise expected(source, "the key volume", ", ".join(table) or "an empty file")
         with error_prefix(f"{source} [load]"):
-            refuse_unknown("load", table.get("load", {}), declared(LoadOptions))
+            reject_unknown("load", table.get("load", {}), declared(LoadOptions))
             LoadOptions(**table.get("load", {}))
         for key, form in (("clip", "conditions"), ("mask", "FILE[:N,N…][:outside], or several")):
             if not all(isinstance(text, str) and text for text in several(table.get(key, ()))):
@@ -369,7 +373,7 @@ class SceneFile:
             # an array has no truth value
             given = [name for name in ("mask", "scissors", "clip") if options.get(name) is not None]
             of_all = [name for name in given if several(options[name])] if not layers else []
-            refuse_volume_options(self.volume, of_first + [name for name in of_all if name != "clip" or not is_clipped])
+            reject_volume_options(self.volume, of_first + [name for name in of_all if name != "clip" or not is_clipped])
         base = Settings.paper() if options.get("paper") else self.settings
         base = Settings.like(options["like"], **base.given) if options.get("like") else base
         fit = {"fit": FIT_OF_0_3} if options.get("like") and options.get("fit") is None else {}
@@ -514,7 +518,7 @@ class SceneFile:
         if is_mesh(self.volume):
             if self.load:
                 raise expected("options", "none of volumes for a mesh", ", ".join(self.load), "leave them out")
-            refuse_volume_options(self.volume, ["scissors"] if self.scissors and not self.layers else [])
+            reject_volume_options(self.volume, ["scissors"] if self.scissors and not self.layers else [])
             return stage([MeshFile(self.volume).open()], Path(self.volume).name)
         return self._prepare(load_source(self.volume, **self.load))
 
@@ -528,7 +532,7 @@ class SceneFile:
         or up.
         """
         volume, view = self._mask(self.vectors.values(volume)), self.view
-        volume = without_far_values(volume)
+        volume = without_outlier_values(volume)
         volume = self._with_names(self._with_kind(volume))
         if view.eye is not None or view.up is not None:
             return volume
@@ -582,13 +586,13 @@ class SceneFile:
             return self
         if self.crop and volume.points is not None:
             raise expected("crop", "voxels along x, y and z", f"{len(volume.points):,} points", "cut them with clip")
-        from splatgl.geometry.camera import Part
-        from splatgl.geometry.clipping import Box, clip_corners, crop_planes, parse_planes
+        from splatgl.geometry.camera import FittedPoints
+        from splatgl.geometry.clipping import ClipUnits, clip_corners, crop_planes, parse_planes
 
         sides = crop_planes(self.crop, volume) if self.crop else ()
-        planes = parse_planes(self.clip or (), Box.of([volume]))
+        planes = parse_planes(self.clip or (), ClipUnits.of([volume]))
         settings = replace(self.settings, clip=(*self.settings.clip, *planes, *sides))
-        view = self.view.fitted(Part(clip_corners(sides, volume.corners), volume.frame)) if sides else self.view
+        view = self.view.fitted(FittedPoints(clip_corners(sides, volume.corners), volume.frame)) if sides else self.view
         return replace(self, clip=None, crop="", settings=settings, view=view)
 
     def with_preset_blend(self) -> SceneFile:
@@ -613,12 +617,12 @@ class SceneFile:
             raise expected("labels", "none of the options of amounts", conflicts, "--values amounts draws amounts")
         if "only_labels" in keys:
             keys |= {"preset": name} if name is not None else {}
-            refuse_unknown("transfer of labels", keys, ("only_labels", "unit", "shading"))
+            reject_unknown("transfer of labels", keys, ("only_labels", "unit", "shading"))
             only = [(int(n), float(f)) for n, f in keys.pop("only_labels")] or None
             base = label_transfer(volume, only, is_part=self.look is not None)
             return replace(base, **keys)
         if "points" in keys and name is None and not keys.keys() & {"colors", "file"}:
-            refuse_both(keys)
+            reject_both(keys)
             return Transfer.from_table({**default_colors(keys, volume), **keys})
         return self._changed_transfer(name, keys, volume)
 
@@ -628,7 +632,7 @@ class SceneFile:
         if self.settings.shows_value and name is None and len(base.points) == 1:
             # a constant volume, which is a fog in other blends
             base = replace(base, points=[(value, SOLID) for value, opacity in base.points if opacity])
-        refuse_unknown("transfer", keys, (*declared(Transfer), "curve", "colors"))
+        reject_unknown("transfer", keys, (*declared(Transfer), "curve", "colors"))
         if base.labels and keys.keys() & AMOUNT_KEYS:
             conflicts = ", ".join(sorted(keys.keys() & AMOUNT_KEYS))
             raise expected("labels", "none of the options of amounts", conflicts, "--values amounts draws amounts")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.annotations.canvas import AnnotationView, Canvas, Scale, Subject
+from splatgl.annotations.canvas import AnnotatedSubject, AnnotationView, Canvas, ColorScale
 from splatgl.annotations.world_lines import letters
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
@@ -18,7 +18,7 @@ from splatgl.options import names_of, no_effect, non_default
 from splatgl.scene.view import ViewOptions
 
 if TYPE_CHECKING:
-    from splatgl.geometry.slices import Painter, SlicePlane
+    from splatgl.geometry.slices import SlicePainter, SlicePlane
     from splatgl.scene.open_scene import OpenScene
     from splatgl.scene.scene_file import SceneFile
 
@@ -33,7 +33,7 @@ LABELS, MOST = 3, 8
 
 
 @dataclass(frozen=True)
-class Sheet:
+class SlicePage:
     """Cells in columns and rows. size: of their part of the picture, pixels, `top` below its upper edge. pitch: side
     of a pixel, world units. room: pixels of a cell with its gap.
     """
@@ -46,7 +46,7 @@ class Sheet:
     room: tuple[int, int]
 
     @classmethod
-    def of(cls, size: tuple[int, int], top: int, sides: np.ndarray, zoom: float) -> Sheet:
+    def of(cls, size: tuple[int, int], top: int, sides: np.ndarray, zoom: float) -> SlicePage:
         """The sheet on which slices of `sides` [N, 2], world units, are largest. zoom: a factor of their size."""
         sheets, widest = [], sides.max(axis=0)
         for columns in range(1, len(sides) + 1):
@@ -85,10 +85,10 @@ def draw_slices(scene: OpenScene) -> tuple[Image, AnnotationView | None]:
     right, top, bottom = (max((ANNOTATIONS[name][n] for name in names), default=0) * em for n in range(3))
     part = round(size[0] - right), round(size[1] - top - bottom)
     sides = np.array([plane.box[1] - plane.box[0] for plane in planes])
-    sheet = Sheet.of(part, round(top), sides, file.view.zoom or 1.0)
+    sheet = SlicePage.of(part, round(top), sides, file.view.zoom or 1.0)
     painter, cells = scene.scene.painter("slice"), []
     for number, plane in enumerate(planes):
-        cell = Cell.of(plane, sheet, number)
+        cell = PageCell.of(plane, sheet, number)
         left, top_row, right_end, bottom_row = cell.box
         pixels[top_row:bottom_row, left:right_end] = cell.light(painter)
         cells.append(cell)
@@ -119,7 +119,7 @@ def _unused_notes(file: SceneFile) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class PageCell:
     """A slice in a sheet. box: left, top, right, bottom, pixels. start [2]: their left upper edge along the plane's
     right and down; pitch: side of a pixel, world units.
     """
@@ -130,7 +130,7 @@ class Cell:
     pitch: float
 
     @classmethod
-    def of(cls, plane: SlicePlane, sheet: Sheet, number: int) -> Cell:
+    def of(cls, plane: SlicePlane, sheet: SlicePage, number: int) -> PageCell:
         """The cell of a slice: whole pixels that contain it, as many as there is room for."""
         low, high = plane.box
         room = np.array(sheet.room) - GAP
@@ -139,7 +139,7 @@ class Cell:
         box = (x, y, x + int(wide[0]), y + int(wide[1]))
         return cls(plane, box, (low + high - wide * sheet.pitch) / 2, sheet.pitch)
 
-    def light(self, painter: Painter) -> np.ndarray:
+    def light(self, painter: SlicePainter) -> np.ndarray:
         """The light of the pixels, float32 [h, w, 4]."""
         left, top, right, bottom = self.box
         fine = _samples(painter, self.plane, self.pitch)
@@ -159,7 +159,7 @@ class Cell:
         return {"title": plane.title, **vectors, "pixels": list(self.box), "corner": corner.tolist(), "steps": steps}
 
 
-def _samples(painter: Painter, plane: SlicePlane, pitch: float) -> int:
+def _samples(painter: SlicePainter, plane: SlicePlane, pitch: float) -> int:
     """Samples along a side of a pixel: as dense as voxels."""
     least = LABELS if any(layer.nearest for layer in painter.layers) else 1
     return int(np.clip(np.ceil(pitch * painter.density(plane).max() - 1e-6), least, MOST))
@@ -183,17 +183,17 @@ def _write(canvas: Canvas, plane: SlicePlane, box: Sequence[int], volume: Volume
             canvas.text(text, at[0], at[1])
 
 
-def _annotation_view(scene: OpenScene, cells: Sequence[Cell]) -> AnnotationView:
+def _annotation_view(scene: OpenScene, cells: Sequence[PageCell]) -> AnnotationView:
     """The view of slices side by side that annotations show."""
     from splatgl.geometry.camera import Camera
 
     size, plane = scene.file.view.size, cells[0].plane
     center, high = scene.volume.center, cells[0].pitch * size[1]
     camera = Camera.orthographic(center - 2 * high * plane.normal, center, -plane.down, high, size)
-    subject, transfer = Subject.of(scene.volume), scene.scene.painter("slice").layers[0].transfer
+    subject, transfer = AnnotatedSubject.of(scene.volume), scene.scene.painter("slice").layers[0].transfer
     if not (transfer.labels or subject.colored):
         low, high = transfer.color_range
-        scale = Scale(transfer.colormap, float(low), float(high), subject.value_name)
+        scale = ColorScale(transfer.colormap, float(low), float(high), subject.value_name)
         subject = replace(subject, scales=(scale,) if low < high else (), empty=low < high)
     if "scale" in scene.file.annotate and len({subject.lengths(cell.plane.right) for cell in cells}) > 1:
         raise expected("annotate", "no scale beside slices along axes of several units", "scale")

@@ -13,7 +13,7 @@ import numpy as np
 from splatgl.data.color import srgb_of_name
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.options import Group, Kind, checked, declared, no_effect, option
+from splatgl.options import HelpGroup, ValueKind, checked, declared, no_effect, option
 from splatgl.transfer.colormaps import base_name
 from splatgl.transfer.label_detection import AMOUNTS, LABELS
 from splatgl.transfer.presets import default_transfer, preset, window_question
@@ -49,7 +49,7 @@ REPLACES: dict[str, tuple[str, ...]] = {
     "file": ("preset", "unit", *LOOK_KEYS),
 }
 # number of a label
-LABEL = Kind.whole(-(2**63), 2**63)
+LABEL = ValueKind.whole(-(2**63), 2**63)
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def read_channel_window(text: str) -> tuple[str, tuple[float, float]]:
     name, _, window = text.rpartition("=")
     if not name:
         raise ValueError
-    low, high = Kind.interval().check(Kind.interval().read(window))
+    low, high = ValueKind.interval().check(ValueKind.interval().read(window))
     return name, (low, high)
 
 
@@ -123,7 +123,7 @@ def _labels(value: Any) -> tuple[tuple[int, float], ...]:
 
 def _pairs_kind(
     this: str, read: Callable[[str], Any], metavar: str, hint: str, write: Callable[[Any], str] = str
-) -> Kind:
+) -> ValueKind:
     """Returns the kind of what `read` takes from each NAME=TEXT, of texts, pairs or a mapping.
 
     write: the text of a value.
@@ -133,17 +133,17 @@ def _pairs_kind(
         pairs = value.items() if isinstance(value, Mapping) else several(value)
         return tuple(read(pair if isinstance(pair, str) else f"{pair[0]}={write(pair[1])}") for pair in pairs)
 
-    return Kind(this, check, read, metavar, hint=hint)
+    return ValueKind(this, check, read, metavar, hint=hint)
 
 
 def _level_width(value: Any) -> tuple[float, float]:
-    level, width = Kind.numbers(2, "").check(value)
+    level, width = ValueKind.numbers(2, "").check(value)
     if not width > 0:
         raise ValueError
     return level, width
 
 
-_option = partial(option, group=Group.TRANSFER)
+_option = partial(option, group=HelpGroup.TRANSFER)
 
 
 @dataclass(frozen=True)
@@ -151,33 +151,35 @@ class TransferChoice:
     """Options of a transfer function that are not its fields."""
 
     preset: str = _option(
-        "", Kind.instance("a name", str), "ct-bone, mr-angio, mip, …: splatgl presets lists all", level="basic"
+        "", ValueKind.instance("a name", str), "ct-bone, mr-angio, mip, …: splatgl presets lists all", level="basic"
     )
     curve: str = _option(
         "",
-        Kind.instance("a shape and its values", str, metavar="SHAPE[:VALUES[:A]]"),
+        ValueKind.instance("a shape and its values", str, metavar="SHAPE[:VALUES[:A]]"),
         "opacity by a shape: ramp:60,120, band:50%,90%:0.4, tent. Or step, sigmoid, gate; VALUES: values or "
         "percentiles (default: from the object to the 99.9th); A: highest opacity (default 0.8)",
     )
     colors: str = _option(
         "",
-        replace(Kind.instance("colours at values", str, list, tuple, metavar="V:COLOUR,…"), hint="str | Sequence[Any]"),
+        replace(
+            ValueKind.instance("colours at values", str, list, tuple, metavar="V:COLOUR,…"), hint="str | Sequence[Any]"
+        ),
         "colours at values or percentiles, such as 60:red,95%:#ffd0a0, between which they are mixed",
     )
     level_width: tuple[float, float] | None = _option(
         None,
-        replace(Kind.numbers(2, "LEVEL,WIDTH", "a level and a width above 0, as two numbers"), check=_level_width),
+        replace(ValueKind.numbers(2, "LEVEL,WIDTH", "a level and a width above 0, as two numbers"), check=_level_width),
         "middle and width of the values that the colours span, as radiologists write --window",
     )
     file: str = _option(
         "",
-        Kind.instance("a file", str, metavar="FILE"),
+        ValueKind.instance("a file", str, metavar="FILE"),
         "a saved transfer function: .toml, 3D Slicer's .vp, or ParaView's .json",
         flag="--transfer",
     )
     only_labels: tuple[tuple[int, float], ...] = _option(
         (),
-        Kind(
+        ValueKind(
             "labels N or N:A",
             _labels,
             read_labels,
@@ -218,7 +220,7 @@ class TransferChoice:
     )
 
 
-def refuse_both(keys: Mapping[str, Any]) -> None:
+def reject_both(keys: Mapping[str, Any]) -> None:
     """Raises InputError for keys of a transfer function that say the same thing twice."""
     for name in ("curve", "colors"):
         others = [other for other in REPLACES[name] if other in keys]
@@ -228,7 +230,7 @@ def refuse_both(keys: Mapping[str, Any]) -> None:
 
 def read_nodes(keys: Mapping[str, Any], volume: Volume, scale: str) -> dict[str, Any]:
     """Returns keys of a transfer function with the points of `curve`, and colour map and window of `colors`."""
-    refuse_both(keys)
+    reject_both(keys)
     rest = dict(keys)
     curve, colors = rest.pop("curve", ""), rest.pop("colors", "")
     if not (curve or colors):
@@ -354,7 +356,7 @@ def transfer_notes(keys: Mapping[str, Any], volume: Volume) -> tuple[str, ...]:
     """
     notes = list[str]()
     with suppress(TypeError, ValueError):
-        question = window_question(volume, Kind.interval().check(keys.get("window")))
+        question = window_question(volume, ValueKind.interval().check(keys.get("window")))
         notes += [question] * bool(question)
     with suppress(TypeError, ValueError):
         values = [surface.value for surface in check_iso(keys.get("iso") or ())]

@@ -11,7 +11,7 @@ import numpy as np
 
 from splatgl.data.volume import Hints, Triple, Volume
 from splatgl.errors import expected
-from splatgl.options import Group, Kind, check_options, option
+from splatgl.options import HelpGroup, ValueKind, check_options, option
 from splatgl.transfer.presets import is_microscopy
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def _paper_width(text: Any) -> str:
     return str(text)
 
 
-_option = partial(option, group=Group.VIEW)
+_option = partial(option, group=HelpGroup.VIEW)
 
 
 @dataclass(frozen=True)
@@ -115,45 +115,53 @@ class ViewOptions:
     parameters but the size.
     """
 
-    size: tuple[int, int] = _option((512, 512), Kind.picture_size(), "pixels, such as 800x600 or 512", level="basic")
+    size: tuple[int, int] = _option(
+        (512, 512), ValueKind.picture_size(), "pixels, such as 800x600 or 512", level="basic"
+    )
     view: str | None = _option(
         None,
-        replace(Kind.choice((*OF_PATIENTS, *(name for name in VIEWS if name not in OF_PATIENTS))), metavar=""),
+        replace(ValueKind.choice((*OF_PATIENTS, *(name for name in VIEWS if name not in OF_PATIENTS))), metavar=""),
         "a standard view: left, superior, front, isometric, …. Instead of azimuth and elevation; left is the patient's",
         level="basic",
         metavar="NAME",
     )
     azimuth: float | None = _option(
         None,
-        Kind.number(metavar="A"),
+        ValueKind.number(metavar="A"),
         "degrees around the up axis (default 30). Counter-clockwise from above; 0 is the front, the patient's",
         level="basic",
     )
     elevation: float | None = _option(
-        None, Kind.number(metavar="A"), "degrees above the horizon (default 20)", level="basic"
+        None, ValueKind.number(metavar="A"), "degrees above the horizon (default 20)", level="basic"
     )
-    fov: float | None = _option(None, Kind.number(metavar="A"), "full vertical angle of view in degrees (default 40)")
-    zoom: float | None = _option(None, Kind.number(metavar="F"), "magnification, above 1 is nearer", level="basic")
-    eye: Triple | None = _option(None, Kind.numbers(3, "X,Y,Z"), "position of the eye, world units")
-    look_at: Triple | None = _option(None, Kind.numbers(3, "X,Y,Z"), "point that --eye looks at (default: the centre)")
-    up: Triple | None = _option(None, Kind.numbers(3, "X,Y,Z"), "direction drawn upwards (default 0,0,1)")
+    fov: float | None = _option(
+        None, ValueKind.number(metavar="A"), "full vertical angle of view in degrees (default 40)"
+    )
+    zoom: float | None = _option(None, ValueKind.number(metavar="F"), "magnification, above 1 is nearer", level="basic")
+    eye: Triple | None = _option(None, ValueKind.numbers(3, "X,Y,Z"), "position of the eye, world units")
+    look_at: Triple | None = _option(
+        None, ValueKind.numbers(3, "X,Y,Z"), "point that --eye looks at (default: the centre)"
+    )
+    up: Triple | None = _option(None, ValueKind.numbers(3, "X,Y,Z"), "direction drawn upwards (default 0,0,1)")
     orthographic: bool | None = _option(
-        None, Kind.flag(), "parallel rays. Flat stacks of microscopes have them unless --fov is given", bare=True
+        None, ValueKind.flag(), "parallel rays. Flat stacks of microscopes have them unless --fov is given", bare=True
     )
-    height: float | None = _option(None, Kind.number(metavar="L"), "height of an orthographic picture, world units")
+    height: float | None = _option(
+        None, ValueKind.number(metavar="L"), "height of an orthographic picture, world units"
+    )
     dpi: float | None = _option(
         None,
-        Kind.number("dots per inch from 1 to 10000", 1, 10_000),
+        ValueKind.number("dots per inch from 1 to 10000", 1, 10_000),
         f"dots per inch, which the file states (default of --width: {PRINT_DPI:g}). Letters are then 8 points high",
     )
     width: str | None = _option(
         None,
-        Kind("a length such as 85mm, 8.5cm, 3.3in or 240pt", _paper_width, _paper_width, "LENGTH", hint="str"),
+        ValueKind("a length such as 85mm, 8.5cm, 3.3in or 240pt", _paper_width, _paper_width, "LENGTH", hint="str"),
         "width on paper, such as 85mm, that with --dpi gives the pixels. --size gives the shape",
     )
     fit: str = _option(
         FIT_ALL,
-        Kind.choice(FITS),
+        ValueKind.choice(FITS),
         "what the picture shows in full. all: the boxes of volumes, and meshes; visible: what the transfer function "
         "shows, but for lone voxels; 0.3: all that it shows, off the centre, as version 0.3 did",
     )
@@ -264,7 +272,7 @@ class ViewOptions:
 
     def framed(self, volume: Volume | Splats, subject: Bounded) -> Bounded:
         """The part of a subject that the view is fitted to."""
-        from splatgl.planning.culling import Opaque
+        from splatgl.planning.culling import OpaqueBounds
         from splatgl.splat.splats import Splats
 
         if self.part is not None:
@@ -273,7 +281,7 @@ class ViewOptions:
             return getattr(subject, "full_extent", subject)
         if isinstance(subject, Splats) and subject.post is not None:
             known = volume if isinstance(volume, Volume) else subject.source and subject.source.volume
-            subject = Opaque(known, subject.post.transfer) if known else subject
+            subject = OpaqueBounds(known, subject.post.transfer) if known else subject
         return getattr(subject, "robust", subject) if self.fit == FIT_VISIBLE else subject
 
 

@@ -53,7 +53,7 @@ Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class SplatSource:
     """Volume and transfer function of splats, to extract other splats from them when a picture needs these.
 
     many: whether there would be more than MOST_KEPT values, hidden ones included. made: extracted splats by
@@ -147,7 +147,7 @@ def extract(
         return _extract_visible(volume, transfer, threshold, slab, progress, kernel)
     if classification in ("auto", "pre"):
         splats = extract_pre(volume, transfer, threshold, _planes(volume, slab), progress)
-        source = Source(volume, transfer, threshold, slab) if classification == "auto" else None
+        source = SplatSource(volume, transfer, threshold, slab) if classification == "auto" else None
         return replace(splats, frame=volume.frame, source=source, box=volume.corners)
     if why:
         raise InputError(f"{volume.name or 'volume'}: only classification pre is possible, because of {why}")
@@ -176,8 +176,10 @@ def _extract_visible(
     if many and len(splats) > MOST_KEPT:
         _check_iso(volume, transfer, f"more than {MOST_KEPT:,} values")
         splats = extract_pre(volume, transfer, threshold, _planes(volume, slab), progress, hidden)
-    source = Source(volume, transfer, threshold, slab, many)
-    return replace(splats, frame=volume.frame, source=source, hollow=reach if hidden else 0, box=volume.corners)
+    source = SplatSource(volume, transfer, threshold, slab, many)
+    return replace(
+        splats, frame=volume.frame, source=source, skipped_interior=reach if hidden else 0, box=volume.corners
+    )
 
 
 def _extract_values(
@@ -239,7 +241,7 @@ TINY = 2.0**-1000
 
 
 @dataclass(frozen=True, eq=False)
-class Lookup:
+class ExtinctionTable:
     """Opacity, threshold test and record colour of values: tabulated for integer types, computed for others."""
 
     transfer: Transfer
@@ -250,7 +252,7 @@ class Lookup:
     colors: np.ndarray
 
     @classmethod
-    def of(cls, transfer: Transfer, dtype: np.dtype, threshold: float, record: np.dtype) -> Lookup:
+    def of(cls, transfer: Transfer, dtype: np.dtype, threshold: float, record: np.dtype) -> ExtinctionTable:
         """Tabulates all values of bool and of integers up to TABLE_BYTES; other types get no table."""
         if dtype.kind == "b":
             values = np.array([0, 1])
@@ -296,9 +298,9 @@ def extract_pre(
     """Splats of all finite voxels with t > threshold, in row order, without a hidden interior; planes: of a slab."""
     depth = volume.shape[0]
     grid = Grid.of(volume)
-    lookup = Lookup.of(transfer, volume.samples.dtype, threshold, record_type(volume.shape, post=False))
+    lookup = ExtinctionTable.of(transfer, volume.samples.dtype, threshold, record_type(volume.shape, post=False))
     unit = transfer.length(volume)
-    dropped = Dropped(volume.shape) if threshold > 0 else None
+    dropped = DroppedDepths(volume.shape) if threshold > 0 else None
 
     normals = LabelNormals.empty(volume) if transfer.labels else None
     slabs = volume.slabs(planes, halo=1 if normals is None else HALO)
@@ -307,7 +309,7 @@ def extract_pre(
         part = replace(part, samples=np.ascontiguousarray(part.samples))
         inner = part.samples[part.before : part.before + part.stop - part.start]
         # voxels whose opacity may exceed the threshold
-        hidden = None if not volume.masks else ~_unmasked(volume, part.start, len(inner))
+        hidden = None if not volume.masks else ~_kept_by_masks(volume, part.start, len(inner))
         if interior:
             within = interior.inside((part.start, 0, 0), (part.stop, *volume.shape[1:]))
             hidden = within if hidden is None else hidden | within
@@ -315,7 +317,7 @@ def extract_pre(
         color = None if volume.color is None or not len(flat) else np.asarray(volume.color[part.start : part.stop])
         if normals is not None:
             normals.add(volume, part, _label_opacity(lookup, volume, part))
-        work = partial(_records, volume, _Part(part, color, normals), flat, lookup, unit / grid.mean_spacing)
+        work = partial(_records, volume, _ClassifiedSlab(part, color, normals), flat, lookup, unit / grid.mean_spacing)
         results = in_parts(len(flat), RECORDS, work)
         for records, _ in results:
             gathered.add(records)
@@ -333,7 +335,7 @@ def extract_pre(
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _ClassifiedSlab:
     """A slab, the colours of its inner voxels, and the normals that shade labels instead of gradients."""
 
     slab: Slab
@@ -341,21 +343,26 @@ class _Part:
     normals: LabelNormals | None
 
 
-def _unmasked(volume: Volume, first: int, planes: int) -> np.ndarray:
+def _kept_by_masks(volume: Volume, first: int, planes: int) -> np.ndarray:
     """bool: which voxels of some planes the masks keep."""
     return volume.kept((first, 0, 0), (first + planes, *volume.shape[1:]))
 
 
-def _label_opacity(lookup: Lookup, volume: Volume, part: Slab) -> np.ndarray:
+def _label_opacity(lookup: ExtinctionTable, volume: Volume, part: Slab) -> np.ndarray:
     """Opacities, float32, of a slab's voxels: 0 where hidden or masked."""
     opacity = np.where(lookup.keeps(part.samples), lookup.opacity(part.samples), 0.0).astype(np.float32)
     if volume.masks:
-        opacity *= _unmasked(volume, part.start - part.before, len(opacity))
+        opacity *= _kept_by_masks(volume, part.start - part.before, len(opacity))
     return opacity
 
 
 def _records(
-    volume: Volume, part: _Part, flat: np.ndarray, lookup: Lookup, unit_in_spacings: float, which: slice
+    volume: Volume,
+    part: _ClassifiedSlab,
+    flat: np.ndarray,
+    lookup: ExtinctionTable,
+    unit_in_spacings: float,
+    which: slice,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Records of some voxels, given by flat indices into a slab's inner voxels; and t of all of them."""
     transfer, slab, color = lookup.transfer, part.slab, part.color
@@ -427,7 +434,7 @@ def _snorm(gradient: np.ndarray) -> np.ndarray:
     return np.rint(scaled / np.where(length > 0, length, 1.0) * NORMAL_SCALE).astype(np.int16)
 
 
-class Dropped:
+class DroppedDepths:
     """Optical depth per reference length removed by the threshold, summed along every axis line."""
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
@@ -436,7 +443,7 @@ class Dropped:
 
     def add(
         self,
-        lookup: Lookup,
+        lookup: ExtinctionTable,
         inner: np.ndarray,
         start: int,
         flat: np.ndarray,

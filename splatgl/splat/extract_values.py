@@ -182,7 +182,7 @@ def post_splats(volume: Volume, post: ValueClassifier, records: np.ndarray, gaps
     if gaps is None:
         return replace(splats, mask=MaskField.of(volume))
     mask = MaskField.with_gaps(volume, gaps)
-    return replace(splats, mask=mask, unmasked=0 if mask else len(gaps))
+    return replace(splats, mask=mask, missing_samples=0 if mask else len(gaps))
 
 
 def halo_of(kernel: Kernel) -> int:
@@ -214,7 +214,7 @@ def post_records(
     if not len(records):
         return records
     around = post.around if post.faced else None
-    values = Values(u, *coefficients(u, kernel, wanted, start), beside, around, slopes)
+    values = RecordValues(u, *coefficients(u, kernel, wanted, start), beside, around, slopes)
     # whole rows of voxels, about RECORDS of which are wanted
     firsts = np.searchsorted(ends, np.arange(0, len(records), RECORDS), side="right") - 1
     breaks = [*dict.fromkeys(firsts.tolist()), len(rows)]
@@ -296,7 +296,7 @@ def derivative_weights(kernel: Kernel) -> np.ndarray:
     return np.asarray(np.linalg.solve(system, np.concatenate([terms.T @ slope, [0.5, 0.0]]))[:TAPS])
 
 
-class Values(NamedTuple):
+class RecordValues(NamedTuple):
     """u: record values of the samples. c: coefficients, from place `start` on. near: see `select_needed`. around: see
     `gradients`. slopes: as of `field_slopes`, if opacity depends on gradients.
     """
@@ -309,7 +309,9 @@ class Values(NamedTuple):
     slopes: np.ndarray | None
 
 
-def _fill(filled: np.ndarray, values: Values, places: tuple[np.ndarray, ...], first: Places, world: np.ndarray) -> None:
+def _fill(
+    filled: np.ndarray, values: RecordValues, places: tuple[np.ndarray, ...], first: Places, world: np.ndarray
+) -> None:
     """Fills records of the voxels at `places` (z, y, x) of a part whose first voxel lies at `first`."""
     z, y, x = places
     for axis, place in enumerate((x, y, z)):

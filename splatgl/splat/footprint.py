@@ -3,7 +3,7 @@
 The eye is at the origin, +z is depth, the voxel spacing 1. A voxel is v = (x, y, z_v); a ray passes
 through (w, 1)·z. All values are line integrals of the kernel (arc length), low-passed where
 z_v ≥ z_k: stretched by m = z_v/z_k, weakened by 1/m² [M98 Eq. 4, 6]. Arrays broadcast: voxel [..., 3],
-slope [..., 2] → [...]. OpenGL draws rows 4 and 5 as `Quads`.
+slope [..., 2] → [...]. OpenGL draws rows 4 and 5 as `SplatQuads`.
 
 Attenuation: a pixel wider than a voxel averages over sub-pixel columns. Weakening opacity by 1/m² suits isolated
 matter, weakening optical depth suits matter that fills its pixel; with both, matter behind opaque matter widens it.
@@ -85,7 +85,7 @@ NEAR = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Quads:
+class SplatQuads:
     """The quads of N splats. All vectors are [3, N].
 
     voxel: the centre. normal: across the plane (parallel to the image: 0, 0, 1). axis_1, axis_2: unit
@@ -101,12 +101,12 @@ class Quads:
     gain: np.ndarray
     coverage: np.ndarray
 
-    def take(self, index: np.ndarray) -> Quads:
+    def take(self, index: np.ndarray) -> SplatQuads:
         """The quads at those indices."""
-        return Quads(*(part[..., index] for part in vars(self).values()))
+        return SplatQuads(*(part[..., index] for part in vars(self).values()))
 
 
-def table_quad(view: GridView, voxel: np.ndarray, align: str) -> Quads:
+def table_quad(view: GridView, voxel: np.ndarray, align: str) -> SplatQuads:
     """The quads of voxels [3, N]; align: see `quad_plane`."""
     normal, e1, e2 = quad_plane(view, voxel, align)
     ellipse = voxel_ellipse(view.eye_from_index, e1, e2)
@@ -114,7 +114,7 @@ def table_quad(view: GridView, voxel: np.ndarray, align: str) -> Quads:
     size = np.maximum(ellipse.width, smallest_axis(view, voxel[2]))
     shared = 1 / (size[0] * size[1])
     area = ellipse.width[0] * ellipse.width[1]
-    return Quads(voxel, normal, ellipse.axis_1, ellipse.axis_2, size, shared, area * shared)
+    return SplatQuads(voxel, normal, ellipse.axis_1, ellipse.axis_2, size, shared, area * shared)
 
 
 def quad_plane(view: GridView, voxel: np.ndarray, align: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -132,7 +132,7 @@ def quad_plane(view: GridView, voxel: np.ndarray, align: str) -> tuple[np.ndarra
     return normal, e1, e2
 
 
-def on_quads(view: GridView, quad: Quads, ray: np.ndarray) -> Integral:
+def on_quads(view: GridView, quad: SplatQuads, ray: np.ndarray) -> Integral:
     """Values [N] of quads, each on one of the rays [2, N]; 0 for rays that meet the plane behind the eye."""
     if view.perspective:
         # from the ray's point at the voxel's depth along the ray to the plane, without cancellation

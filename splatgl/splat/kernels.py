@@ -159,7 +159,7 @@ class PiecewiseCubic:
 
 
 @dataclass(frozen=True)
-class Box:
+class BoxKernel:
     """Box of a voxel, of constant density. It is not radial (see reference/layers.py); the methods describe the
     ball around it.
     """
@@ -185,7 +185,7 @@ class Box:
         return self.value(d)
 
 
-BOX = Box()
+BOX = BoxKernel()
 
 
 def _crawfis_max() -> PiecewiseCubic:

@@ -33,7 +33,7 @@ ABOVE_LEFT = (-35.0, 35.0)
 
 
 @dataclass(frozen=True)
-class Light:
+class LightModel:
     """Shares of ambient, diffuse and specular light, together at most 1; the highlight is a cosine to the power of
     2^sharpness (Blinn 1977).
 
@@ -54,7 +54,7 @@ class Light:
         place: tuple[float, float] | None = None,
         shadows: bool = False,
         strengths: Sequence[float | None] = (None, None, None),
-    ) -> Light:
+    ) -> LightModel:
         """The named light, moved to `place` (side, above) if given. shadows: moves a light at the eye, whose shadows
         are invisible, to above left unless `place` is given. strengths: ambient, diffuse and specular, see
         `with_strengths`.
@@ -64,7 +64,7 @@ class Light:
             place = ABOVE_LEFT
         return light if place is None else replace(light, side=place[0], above=place[1])
 
-    def with_strengths(self, strengths: Sequence[float | None]) -> Light:
+    def with_strengths(self, strengths: Sequence[float | None]) -> LightModel:
         """The light with other shares of ambient, diffuse and specular light; None: its own, less where the sum would
         exceed 1. Raises InputError if the given shares alone do.
         """
@@ -98,10 +98,10 @@ class Light:
 
 # matte: from above left, as in print; glossy: likewise, with highlights; flat: shows colours more than shapes
 LIGHTS = {
-    "head": Light(),
-    "matte": Light(0.25, 0.75, side=ABOVE_LEFT[0], above=ABOVE_LEFT[1]),
-    "glossy": Light(0.2, 0.55, 0.25, SHARPNESS, side=ABOVE_LEFT[0], above=ABOVE_LEFT[1]),
-    "flat": Light(0.7, 0.3),
+    "head": LightModel(),
+    "matte": LightModel(0.25, 0.75, side=ABOVE_LEFT[0], above=ABOVE_LEFT[1]),
+    "glossy": LightModel(0.2, 0.55, 0.25, SHARPNESS, side=ABOVE_LEFT[0], above=ABOVE_LEFT[1]),
+    "flat": LightModel(0.7, 0.3),
 }
 
 
@@ -118,7 +118,7 @@ def check_place(place: object) -> tuple[float, float]:
 def surface_light(
     normal: np.ndarray,
     toward: np.ndarray,
-    light: Light,
+    light: LightModel,
     direction: np.ndarray | None,
     reached: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -150,10 +150,10 @@ def apply_light(color: np.ndarray, splats: Splats, camera: Camera, voxel: np.nda
 
     Float64 twin of `shone` in `shaders/splat_setup.glsl`.
     """
-    light, cues = resolved.look.light, resolved.cues
-    if not resolved.look.shading and cues is None:
+    light, cues = resolved.appearance.light, resolved.cues
+    if not resolved.appearance.shading and cues is None:
         return color
-    normal = splats.records["normal"].astype(np.float64) * resolved.look.shading
+    normal = splats.records["normal"].astype(np.float64) * resolved.appearance.shading
     towards = voxel.T if camera.perspective else np.broadcast_to([0.0, 0.0, 1.0], normal.shape)
     far = np.linalg.norm(towards, axis=1)
     # a voxel at the eye has no direction to it: use the view direction

@@ -68,15 +68,15 @@ class Motion:
         """
         if at == 0 or not (self.camera or self.spin.any() or self.velocity.any()):
             return camera
-        place = Rigid(camera.eye_from_world, camera.eye_from_world @ -camera.eye)
+        place = RigidTransform(camera.eye_from_world, camera.eye_from_world @ -camera.eye)
         extent = camera.extent
         if self.camera is not None:
             # eye_from_world at that time, by the screw from the previous camera
-            before = Rigid(self.camera.eye_from_world, self.camera.eye_from_world @ -self.camera.eye)
+            before = RigidTransform(self.camera.eye_from_world, self.camera.eye_from_world @ -self.camera.eye)
             place = before.after(place.inverse()).part(-at).after(place)
             extent = camera.extent * (self.camera.extent / camera.extent) ** -at
-        volume = Rigid.about(np.radians(self.spin) * at, self.center)
-        place = place.after(Rigid(volume.rotation, volume.shift + self.velocity * at))
+        volume = RigidTransform.about(np.radians(self.spin) * at, self.center)
+        place = place.after(RigidTransform(volume.rotation, volume.shift + self.velocity * at))
         return replace(camera, eye=-place.rotation.T @ place.shift, eye_from_world=place.rotation, extent=extent)
 
     def move(self, splats: Splats, at: float) -> Splats:
@@ -223,7 +223,7 @@ def _in_cells(splats: Splats, flow: np.ndarray) -> np.ndarray:
     """World velocities [N, 3] of all splats in grid steps. InputError for another number of splats, and for hollow
     ones, whose interior they might open.
     """
-    if splats.hollow:
+    if splats.skipped_interior:
         raise expected("flow", "all splats", "those without hidden interiors", 'extract with classification="post"')
     if flow.shape != (len(splats), 3):
         raise expected("flow", f"velocities of {len(splats)} splats", flow.shape)
@@ -249,7 +249,7 @@ MOST, PROBED = 64, 4096
 KEPT = 0.99
 
 
-class Moments:
+class Supersampling:
     """Temporal supersampling of any `Draw`; itself a `Draw`. blurred: each image has motion blur over its part of the
     exposure, and `draw` takes a motion, too: curved paths become polygons, and occlusion follows the order at each
     time.
@@ -295,7 +295,7 @@ class Moments:
             return self.draw(moved, view, settings)
         # treated as a separate frame with the shutter always open; its camera includes the volume's motion
         blur = Motion(camera=self.motion.view(camera, first), flow=None if flow is None else flow * (last - first))
-        return self.draw(moved, view, settings.but(shutter=FULL_SHUTTER), blur)
+        return self.draw(moved, view, settings.replace(shutter=FULL_SHUTTER), blur)
 
 
 def count_moments(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> int:
@@ -322,14 +322,14 @@ SMALL = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Rigid:
+class RigidTransform:
     """x → rotation @ x + shift."""
 
     rotation: np.ndarray
     shift: np.ndarray
 
     @classmethod
-    def about(cls, turn: np.ndarray, center: np.ndarray) -> Rigid:
+    def about(cls, turn: np.ndarray, center: np.ndarray) -> RigidTransform:
         """A turn by |turn| radians about the axis `turn` through `center`, counter-clockwise seen from its tip."""
         q = rotation(turn)
         return cls(q, center - q @ center)
@@ -338,22 +338,22 @@ class Rigid:
         """Points [..., 3] moved."""
         return np.asarray(points @ self.rotation.T + self.shift)
 
-    def after(self, first: Rigid) -> Rigid:
+    def after(self, first: RigidTransform) -> RigidTransform:
         """The composition: `first`, then this motion."""
-        return Rigid(self.rotation @ first.rotation, self.rotation @ first.shift + self.shift)
+        return RigidTransform(self.rotation @ first.rotation, self.rotation @ first.shift + self.shift)
 
-    def inverse(self) -> Rigid:
+    def inverse(self) -> RigidTransform:
         """The inverse motion."""
-        return Rigid(self.rotation.T, -self.rotation.T @ self.shift)
+        return RigidTransform(self.rotation.T, -self.rotation.T @ self.shift)
 
-    def part(self, share: float) -> Rigid:
+    def part(self, share: float) -> RigidTransform:
         """A fraction of the motion, as a screw about and along one axis at constant speed.
 
         0 is the identity, 1 this motion. Half a turn or more goes the shorter way.
         """
         turn = rotation_vector(self.rotation)
         pace = np.linalg.solve(_swept_matrix(turn), self.shift)
-        return Rigid(rotation(share * turn), _swept_matrix(share * turn) @ (share * pace))
+        return RigidTransform(rotation(share * turn), _swept_matrix(share * turn) @ (share * pace))
 
 
 def rotation(turn: np.ndarray) -> np.ndarray:

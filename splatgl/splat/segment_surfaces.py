@@ -68,7 +68,7 @@ def smooth_surfaces(
         raise expected(what, f"a segmentation that needs up to {format_bytes(most)}", format_bytes(need), fix)
     shown = [label for label in chosen.labels if label[2] > 0]
     numbers, low = _number_labels(volume, shown)
-    net = Net.of(numbers)
+    net = SurfaceNet.of(numbers)
     places = net.smooth(strength)
     world = (places + low) @ volume.world_from_index.T + volume.origin
     names = {label.number: label.name for label in volume.labels or ()}
@@ -112,7 +112,7 @@ def _number_labels(volume: Volume, shown: LabelStyles) -> tuple[np.ndarray, np.n
 
 
 def _parts(
-    net: Net, world: np.ndarray, opacities: np.ndarray, closed: bool
+    net: SurfaceNet, world: np.ndarray, opacities: np.ndarray, closed: bool
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Yields for each segment: its index, vertices [N, 3], and faces [M, 3], counter-clockwise seen from outside."""
     quad, outward, corner, owned = net.ends
@@ -135,7 +135,7 @@ def _parts(
 
 
 @dataclass(frozen=True, eq=False)
-class Net:
+class SurfaceNet:
     """The surfaces between segments. corners [V, 3]: corners of voxels on them, grid indices (x, y, z).
 
     quads [Q, 4]: indices of corners, right-handed about the direction from the first to the second of `sides` [Q, 2],
@@ -149,7 +149,7 @@ class Net:
     joins: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
 
     @classmethod
-    def of(cls, numbers: np.ndarray) -> Net:
+    def of(cls, numbers: np.ndarray) -> SurfaceNet:
         """Builds the net of segment numbers [D, H, W]; 0 and everything beyond the ends is outside."""
         padded = np.pad(numbers, 1)
         shape = tuple(size - 1 for size in padded.shape)

@@ -14,15 +14,15 @@ from splatgl.data.color import AUTO, BACKGROUNDS, Color, read_background
 from splatgl.errors import expected
 from splatgl.geometry.clipping import Plane, check_planes
 from splatgl.options import (
-    Group,
-    Kind,
+    HelpGroup,
+    ValueKind,
     check_options,
     declared,
     is_number,
     keywords_of,
     non_default,
     option,
-    refuse_unknown,
+    reject_unknown,
     with_keywords,
 )
 from splatgl.splat.kernels import FREE, KERNELS, import_kernel
@@ -139,12 +139,12 @@ LIKE: dict[str, dict[str, Any]] = {
 }
 
 
-_picture = partial(option, group=Group.PICTURE)
-_accuracy = partial(option, group=Group.ACCURACY)
-_speed = partial(option, group=Group.SPEED)
-_animation = partial(option, group=Group.ANIMATION)
-_paper = partial(option, group=Group.PAPER, level="expert")
-_STRENGTH = Kind.number("a strength from 0 to 1", 0, 1, metavar="S")
+_picture = partial(option, group=HelpGroup.PICTURE)
+_accuracy = partial(option, group=HelpGroup.ACCURACY)
+_speed = partial(option, group=HelpGroup.SPEED)
+_animation = partial(option, group=HelpGroup.ANIMATION)
+_paper = partial(option, group=HelpGroup.PAPER, level="expert")
+_STRENGTH = ValueKind.number("a strength from 0 to 1", 0, 1, metavar="S")
 
 
 def _background(color: Any) -> Color | str | None:
@@ -175,111 +175,111 @@ class Settings(Blending):
 
     ```python
     settings = sg.Settings(light="glossy", background="#203040")
-    image = sg.render(sg.scenes.ball(12), settings=settings.but(blend="mip"), size=64)
+    image = sg.render(sg.scenes.ball(12), settings=settings.replace(blend="mip"), size=64)
     ```
     """
 
     blend: Blend = _picture(
         "composite",
-        Kind.choice(Blend),
+        ValueKind.choice(Blend),
         "by. One splat over the next, sums (X-ray), or maximum, minimum or mean of the values along a ray",
         level="basic",
     )
     mip_attenuation: float = _picture(
         0.05,
-        Kind.number(f"a strength from 0 to {MOST_STRENGTH:g}", 0, MOST_STRENGTH, metavar="S"),
+        ValueKind.number(f"a strength from 0 to {MOST_STRENGTH:g}", 0, MOST_STRENGTH, metavar="S"),
         "strength of attenuated-mip, per reference length of the brightest values; 0: as mip (default 0.05)",
         label="attenuation",
     )
     kernel: str = _accuracy(
         "auto",
-        replace(Kind.choice(lambda: ("auto", *KERNELS)), read=read_kernel, metavar="NAME|MODULE:NAME"),
+        replace(ValueKind.choice(lambda: ("auto", *KERNELS)), read=read_kernel, metavar="NAME|MODULE:NAME"),
         "radial kernel of each voxel. auto: b-spline where values are classified, else crawfis-max; MODULE:NAME: a "
         "kernel of a Python module, whose code is run",
     )
     classification: Classification = _accuracy(
         "auto",
-        Kind.choice(Classification),
+        ValueKind.choice(Classification),
         "what is classified. post: reconstructed values; pre: voxels, whose colours are then reconstructed",
     )
     compositing: Compositing = _accuracy(
         "auto",
-        Kind.choice(Compositing),
+        ValueKind.choice(Compositing),
         "what is composited. sheets of equal distance from the eye, within which splats add up, or each of the splats",
     )
     sheets: int | None = _accuracy(
-        None, Kind.whole(LEAST_SHEETS, MOST_SHEETS), "sheets that share a splat, 2 to 4 (default: by --tolerance)"
+        None, ValueKind.whole(LEAST_SHEETS, MOST_SHEETS), "sheets that share a splat, 2 to 4 (default: by --tolerance)"
     )
     steps: int | None = _accuracy(
-        None, Kind.whole(1, MOST_STEPS), "parts of a sheet, each classified once, 1 to 8 (default: by --tolerance)"
+        None, ValueKind.whole(1, MOST_STEPS), "parts of a sheet, each classified once, 1 to 8 (default: by --tolerance)"
     )
     antialias: Antialias = _accuracy(
         "auto",
-        Kind.choice(Antialias),
+        ValueKind.choice(Antialias),
         "antialiasing. auto: as many samples as --tolerance needs there; supersample: --samples along each axis; "
         "paper: splats beyond z_k are stretched [Eq. 4] and attenuated by (z_k/z_v)^2 [Eq. 6]",
     )
     samples: int = _accuracy(
-        4, Kind.whole(1, MAX_SAMPLES), "samples along each axis of a pixel to supersample, 1 to 64"
+        4, ValueKind.whole(1, MAX_SAMPLES), "samples along each axis of a pixel to supersample, 1 to 64"
     )
     align: Align = _paper(
         "auto",
-        Kind.choice(Align),
+        ValueKind.choice(Align),
         "orientation of splats. exact: line integral [row 1]; ray: quads across the ray [row 4]; grid: quads "
         "parallel to the image [row 5]; hybrid: ray up to --z-s, then grid [4.2]; auto: exact",
     )
     z_s: float | None = _paper(
         None,
-        Kind.number("a depth of at least 0", 0, metavar="Z"),
+        ValueKind.number("a depth of at least 0", 0, metavar="Z"),
         "depth from which hybrid splats are parallel to the image, world units (default: by --tolerance)",
     )
     attenuation: Attenuation = _paper(
         "auto",
-        Kind.choice(Attenuation),
+        ValueKind.choice(Attenuation),
         "what (z_k/z_v)^2 weakens beyond z_k. The opacity (the paper's), the optical depth, or by how far splats fill "
         "a pixel (auto)",
     )
     blur_width: float = _paper(
         1.0,
-        Kind.number(f"a width from {LEAST_BLUR:g} to {MOST_BLUR:g} pixels", LEAST_BLUR, MOST_BLUR, metavar="W"),
+        ValueKind.number(f"a width from {LEAST_BLUR:g} to {MOST_BLUR:g} pixels", LEAST_BLUR, MOST_BLUR, metavar="W"),
         "width in pixels, 0.25 to 4, to which antialias paper stretches voxels. A wider low-pass blurs, a narrower "
         "one aliases [6] (default 1)",
     )
     footprint: Footprint = _paper(
         "auto",
-        Kind.choice(Footprint),
+        ValueKind.choice(Footprint),
         "footprint of a splat. auto: a table over the squared distance, or polynomials; table: the paper's texture",
     )
     table_size: int | None = _paper(
         None,
-        Kind.whole(2, MAX_TABLE_SIZE),
+        ValueKind.whole(2, MAX_TABLE_SIZE),
         "texels along each axis of the footprint table, up to 4096 (default 256, or 1024 over the squared distance)",
     )
-    table_bits: int = _paper(32, Kind.one_of(8, 16, 32), "bits a texel of the footprint table")
+    table_bits: int = _paper(32, ValueKind.one_of(8, 16, 32), "bits a texel of the footprint table")
     target: Target = _paper(
         "rgba32f",
-        Kind.choice(Target),
+        ValueKind.choice(Target),
         "number format of the framebuffer. The paper's has 8 bits, in which display values (sRGB) are mixed",
     )
     technique: Technique = _speed(
         "auto",
-        Kind.choice(Technique),
+        ValueKind.choice(Technique),
         "how splats are drawn. quads: a quad each; tiles: gathered by tiles of pixels in compute shaders",
     )
     shading: Shading = _picture(
         "auto",
-        Kind.choice(Shading),
+        ValueKind.choice(Shading),
         "shading of surfaces, C = c (0.3 + 0.7 |n l|). auto: as the transfer function says",
     )
     light: Lights = _picture(
         "head",
-        Kind.choice(Lights),
+        ValueKind.choice(Lights),
         "light. At the eye, from above left without or with highlights, or one that shows colours more than shapes",
         level="basic",
     )
     light_from: tuple[float, float] | None = _picture(
         None,
-        Kind("degrees", check_place, Kind.numbers(2, "").read, "SIDE,ABOVE", hint="Numbers"),
+        ValueKind("degrees", check_place, ValueKind.numbers(2, "").read, "SIDE,ABOVE", hint="Numbers"),
         "place of the light, degrees to the right of the eye and above it",
     )
     ambient: float | None = _picture(
@@ -302,35 +302,37 @@ class Settings(Blending):
     )
     motion: Motions = _paper(
         "auto",
-        Kind.choice(Motions),
+        ValueKind.choice(Motions),
         "motion blur. moments: mean of pictures; exact: mean of the footprint along its path; energy: half discs and "
         "a rectangle of equal energy; paper: Eq. 11; auto: moments, but exact for X-rays of voxels; movies: off unless "
         "--flow, --moments or --shutter ask for blur",
     )
     moments: int | None = _animation(
-        None, Kind.whole(1, MAX_MOMENTS), "pictures that a frame is the mean of, up to 4096 (default: by the motion)"
+        None,
+        ValueKind.whole(1, MAX_MOMENTS),
+        "pictures that a frame is the mean of, up to 4096 (default: by the motion)",
     )
     shutter: float = _animation(
         180.0,
-        Kind.number("an angle from 0 to 360 degrees", 0, FULL_SHUTTER, metavar="DEG"),
+        ValueKind.number("an angle from 0 to 360 degrees", 0, FULL_SHUTTER, metavar="DEG"),
         "exposure in degrees, 360 being a whole frame",
     )
     order: Order = _paper(
-        "auto", Kind.choice(Order), "drawing order of splats. It follows from their rows, without a sort"
+        "auto", ValueKind.choice(Order), "drawing order of splats. It follows from their rows, without a sort"
     )
     occlusion: Occlusion = _speed(
         "auto",
-        Kind.choice(Occlusion),
+        ValueKind.choice(Occlusion),
         "occlusion culling. auto: skips splats behind pixels that hardly any light passes",
     )
     tolerance: float = _accuracy(
         1 / 255,
-        Kind.number("a number in (0, 1]", 0, 1, above=True, metavar="E"),
+        ValueKind.number("a number in (0, 1]", 0, 1, above=True, metavar="E"),
         "largest allowed error of a colour in linear light, up to 1 (default 1/255)",
     )
     background: Color | str | None = _picture(
         AUTO,
-        Kind(
+        ValueKind(
             "three linear numbers from 0 to 1, or a colour such as black",
             _background,
             read_background,
@@ -342,7 +344,9 @@ class Settings(Blending):
         level="basic",
     )
     clip: tuple[Plane, ...] = option(
-        (), Kind("planes", check_planes, hint="Sequence[Numbers]"), "planes that keep n · x ≥ d of (n_x, n_y, n_z, d)"
+        (),
+        ValueKind("planes", check_planes, hint="Sequence[Numbers]"),
+        "planes that keep n · x ≥ d of (n_x, n_y, n_z, d)",
     )
 
     if TYPE_CHECKING:
@@ -382,7 +386,7 @@ class Settings(Blending):
     @property
     def absorbing(self) -> Settings:
         """The settings of a picture whose rays are absorbed: composite instead of one value of each."""
-        return self.but(blend="composite") if self.shows_value else self
+        return self.replace(blend="composite") if self.shows_value else self
 
     def require_composite(self, what: str) -> None:
         """Raises InputError for blends that what is named does not support: all but composite."""
@@ -394,9 +398,9 @@ class Settings(Blending):
         """The fields that differ from their defaults."""
         return non_default(self)
 
-    def but(self, **changes: Unpack[SettingsKeywords]) -> Settings:
+    def replace(self, **changes: Unpack[SettingsKeywords]) -> Settings:
         """The settings with changes. Raises InputError for unknown names."""
-        refuse_unknown("settings", changes, declared(self), "names of Settings' fields")
+        reject_unknown("settings", changes, declared(self), "names of Settings' fields")
         return replace(self, **changes)  # type: ignore[arg-type]
 
     @classmethod
@@ -413,7 +417,7 @@ class Settings(Blending):
         """The defaults of an earlier version, "0.1" or "0.2": its default picture, but for faults mended since."""
         if version not in LIKE:
             raise expected("like", f"a version that is known: {', '.join(LIKE)}", repr(version))
-        return cls(**LIKE[version]).but(**changes)
+        return cls(**LIKE[version]).replace(**changes)
 
     @classmethod
     def paper(cls, **changes: Unpack[SettingsKeywords]) -> Settings:
@@ -429,10 +433,10 @@ class Settings(Blending):
             attenuation="opacity",
             technique="quads",
             target="rgba8",
-        ).but(**changes)
+        ).replace(**changes)
 
 
-for _method in (Settings.but, Settings.like.__func__, Settings.paper.__func__):  # type: ignore[attr-defined]
+for _method in (Settings.replace, Settings.like.__func__, Settings.paper.__func__):  # type: ignore[attr-defined]
     with_keywords(keywords_of(Settings))(_method)
 
 

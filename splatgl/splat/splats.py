@@ -23,7 +23,7 @@ from splatgl.coercion import public
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
 from splatgl.errors import expected
-from splatgl.geometry.camera import Bounded, Part
+from splatgl.geometry.camera import Bounded, FittedPoints
 from splatgl.geometry.grid import Grid, Lattice, columns, corners_of, index_rows, lattice_across
 from splatgl.transfer.preintegration import ValueClassifier
 from splatgl.transfer.regions import extinction_of
@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from splatgl.data.mesh import Mesh
     from splatgl.data.points import Points
     from splatgl.geometry.mask_field import MaskField
-    from splatgl.splat.extract import Source
+    from splatgl.splat.extract import SplatSource
     from splatgl.splat.lighting import LabelNormals
     from splatgl.splat.settings import Settings
     from splatgl.transfer.transfer import Transfer
 
 
-class Same:
+class IdentityKey:
     """Identity of an object as a cache key, without keeping it alive: equal only while the object lives, since its `id`
     may be reused.
     """
@@ -47,7 +47,7 @@ class Same:
         self.it, self.number = ref(it), id(it)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Same) and (it := self.it()) is not None and it is other.it()
+        return isinstance(other, IdentityKey) and (it := self.it()) is not None and it is other.it()
 
     def __hash__(self) -> int:
         return self.number
@@ -242,12 +242,12 @@ class Splats:
     dropped_depth: float = 0.0
     name: str = ""
     post: ValueClassifier | None = None
-    source: Source | None = None
+    source: SplatSource | None = None
     mask: MaskField | None = None
     frame: str | None = None
     labels: LabelNormals | None = None
-    unmasked: int = 0
-    hollow: int = 0
+    missing_samples: int = 0
+    skipped_interior: int = 0
     box: np.ndarray | None = None
     display: bool = False
     notes: ClassVar[tuple[str, ...]] = ()
@@ -262,7 +262,7 @@ class Splats:
 
     def holds(self, transfer: Transfer) -> bool:
         """Whether these values serve another transfer function; never without hidden interiors, which depend on it."""
-        return self.post is not None and not self.hollow and self.post.holds(transfer)
+        return self.post is not None and not self.skipped_interior and self.post.holds(transfer)
 
     @classmethod
     def from_points(
@@ -366,7 +366,7 @@ class Splats:
     @property
     def full_extent(self) -> Bounded:
         """The box of their volume, which views are fitted to; the splats themselves for points."""
-        return self if self.box is None else Part(self.box, self.frame)
+        return self if self.box is None else FittedPoints(self.box, self.frame)
 
     def with_classifier(self, post: ValueClassifier) -> Splats:
         """The same records classified by `post`, whose low and span must be theirs."""

@@ -26,7 +26,7 @@ COLORMAP = "viridis"
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
+class Streamlines:
     """Streamlines: points [N, 3] of each, world units, in the direction of flow, and the speeds [N] there."""
 
     points: list[np.ndarray]
@@ -59,7 +59,7 @@ def streamlines(
     return Mesh.of_lines(points, size, opacity=opacity, name="streamlines", frame=volume.frame, **look)
 
 
-def spread_lines(volume: Volume, count: int, least: float | None = None) -> Lines:
+def spread_lines(volume: Volume, count: int, least: float | None = None) -> Streamlines:
     """The evenly distributed lines that `streamlines` draws."""
     field = VectorField.of(volume)
     slow = least_speed(field, least)
@@ -77,12 +77,12 @@ def spread_lines(volume: Volume, count: int, least: float | None = None) -> Line
         step = max(int(1 / STEP), 1)
         apart = ((place[:, None] - near[None, ::step]) ** 2).sum(axis=2).min(axis=1)
         far = np.minimum(far, apart)
-    return Lines([tried.points[n] for n in chosen], [tried.speeds[n] for n in chosen])
+    return Streamlines([tried.points[n] for n in chosen], [tried.speeds[n] for n in chosen])
 
 
 def lines_through(
     field: VectorField, seeds: np.ndarray, least: float = 0.0, length: float | None = None, step: float = STEP
-) -> Lines:
+) -> Streamlines:
     """Lines through seeds [N, 3], grid positions (x, y, z), in both directions, by the fourth-order Runge–Kutta method.
 
     length: in both directions together, world units; None: twice the diagonal. step: in smallest spacings. Lines end
@@ -97,7 +97,7 @@ def lines_through(
         index = np.concatenate([before[:0:-1], after])
         points.append(field.world(index))
         speeds.append(np.linalg.norm(field.at(index)[0], axis=1))
-    return Lines(points, speeds)
+    return Streamlines(points, speeds)
 
 
 def _follow(field: VectorField, seeds: np.ndarray, step: float, count: int, slow: float) -> list[np.ndarray]:

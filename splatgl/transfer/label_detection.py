@@ -46,7 +46,7 @@ LABELS, MASK, AMOUNTS = "labels", "mask", "amounts"
 
 
 @dataclass(frozen=True)
-class Neighbours:
+class NeighbourCounts:
     """count: distinct values. alike, jumps, between: shares from 0 to 1, see above. seen: neighbours examined."""
 
     count: int
@@ -69,7 +69,7 @@ class Neighbours:
         return self.flat and self.jumps >= least and self.between <= most * (1 - self.alike)
 
 
-def kind_of(volume: Volume, most: float = 0.0) -> tuple[str, Neighbours | None]:
+def kind_of(volume: Volume, most: float = 0.0) -> tuple[str, NeighbourCounts | None]:
     """LABELS, MASK (two values, one of them a segment) or AMOUNTS; and the measured shares, None unless the values are
     whole numbers without a unit, or at most so far off. Flat areas without jumps are labels if the volume's name says
     so.
@@ -117,10 +117,10 @@ def as_segmentation(marked: Volume, option: str, source: str) -> Volume:
     return marked.of_values("labels")
 
 
-def compare_neighbours(triples: list[np.ndarray]) -> Neighbours:
+def compare_neighbours(triples: list[np.ndarray]) -> NeighbourCounts:
     """Measures the shares in rows of three voxels. triples: [3, N] along each axis."""
     if not any(rows.size for rows in triples):
-        return Neighbours(0, 0.0)
+        return NeighbourCounts(0, 0.0)
     # 1. equal neighbours, except pairs of the most frequent value, which is the ground
     values, ranks = _ranks(np.concatenate(triples, axis=1))
     share = np.bincount(ranks[1], minlength=len(values)) / max(ranks.shape[1], 1)
@@ -129,7 +129,7 @@ def compare_neighbours(triples: list[np.ndarray]) -> Neighbours:
     informative = (first != ground) | (middle != ground)
     apart = np.abs(first - middle)[informative]
     if not len(apart):
-        return Neighbours(len(values), 1.0)
+        return NeighbourCounts(len(values), 1.0)
     unlike = int(np.count_nonzero(apart))
     most = float(share[ground]) ** 2
     chance = (float((share**2).sum()) - most) / max(1 - most, 1e-12)
@@ -138,7 +138,7 @@ def compare_neighbours(triples: list[np.ndarray]) -> Neighbours:
     over = first != last
     between = int(np.count_nonzero(over & (middle != first) & (middle != last)))
     jumps = int(np.count_nonzero(apart > 1)) / max(unlike, 1)
-    return Neighbours(len(values), alike, jumps, between / max(int(np.count_nonzero(over)), 1), len(apart))
+    return NeighbourCounts(len(values), alike, jumps, between / max(int(np.count_nonzero(over)), 1), len(apart))
 
 
 def _ranks(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -20,7 +20,7 @@ from splatgl.errors import expected
 from splatgl.readers.common import FIELD, is_field
 from splatgl.transfer.colormaps import base_name, labels_of, select_labels
 from splatgl.transfer.label_detection import LABELS, MASK, kind_of
-from splatgl.transfer.statistics import Cut, Ground, Statistics, sorted_percentile, statistics
+from splatgl.transfer.statistics import ClassThreshold, NoiseBackground, Statistics, sorted_percentile, statistics
 from splatgl.transfer.transfer import Nodes, Transfer
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ DIM, BRIGHT = 1.0, 70.0
 
 
 @dataclass(frozen=True)
-class Look:
+class PresetCurve:
     """Opacity nodes and colour window of a preset for one volume. tone: place in the colour map where the window
     begins.
     """
@@ -58,39 +58,39 @@ class Preset:
     name: str
     about: str
     colormap: str
-    build: Callable[[Statistics, int | None], Look]
+    build: Callable[[Statistics, int | None], PresetCurve]
     rung: int | None = None
-    hounsfield: Look | None = None
+    hounsfield: PresetCurve | None = None
     shading: bool = True
     blend: Blend | None = None
 
 
-def surface(stats: Statistics, rung: int | None) -> Look:
+def surface(stats: Statistics, rung: int | None) -> PresetCurve:
     """A ramp over a cut: transparent below, a surface above, denser towards the brightest."""
     low, high = cut_of(stats, rung).ramp(RAMP)
     top = max(high, stats.percentile(99.9))
     # the window begins at a light colour
-    return Look(((low, 0.0), (high, SURFACE), (top, CORE)), (low, top) if low < top else None, SURFACE_TONE)
+    return PresetCurve(((low, 0.0), (high, SURFACE), (top, CORE)), (low, top) if low < top else None, SURFACE_TONE)
 
 
-def soft(stats: Statistics, rung: int | None) -> Look:
+def soft(stats: Statistics, rung: int | None) -> PresetCurve:
     """A long ramp from the cut to the brightest: semi-transparent."""
     low = cut_of(stats, rung).ramp(RAMP)[0]
     top = max(low, stats.percentile(99.9))
-    return Look(((low, 0.0), (top, SURFACE)))
+    return PresetCurve(((low, 0.0), (top, SURFACE)))
 
 
-def glow(stats: Statistics, rung: int | None) -> Look:
+def glow(stats: Statistics, rung: int | None) -> PresetCurve:
     """A ramp from half the dimmest value above the background, or above its noise, to the BRIGHT percentile."""
     lowest = float(stats.values[0])
     low = lowest if stats.sparse else cut_of(stats, rung).ramp(RAMP)[0]
     dim, high = np.percentile(stats.values[stats.values > low], [DIM, BRIGHT])
     low = lowest + (float(dim) - lowest) / 2 if stats.sparse else low
     low, high = low if stats.ground is None else max(low, stats.ground.cut), max(low, float(high))
-    return Look(((low, 0.0), *_above_noise(stats.ground, low, high), (high, SURFACE)))
+    return PresetCurve(((low, 0.0), *_above_noise(stats.ground, low, high), (high, SURFACE)))
 
 
-def _above_noise(ground: Ground | None, low: float, high: float) -> Nodes:
+def _above_noise(ground: NoiseBackground | None, low: float, high: float) -> Nodes:
     """A node one standard deviation above the cut, on the line from the background's level to the ramp's end."""
     if ground is None or not low < low + ground.noise < high:
         return ()
@@ -98,20 +98,20 @@ def _above_noise(ground: Ground | None, low: float, high: float) -> Nodes:
     return ((value, SURFACE * (value - ground.level) / (high - ground.level)),)
 
 
-def solid(stats: Statistics, rung: int | None) -> Look:
+def solid(stats: Statistics, rung: int | None) -> PresetCurve:
     """An opaque step above the lowest value."""
     lowest, highest = float(stats.values[0]), float(stats.values[-1])
     step = lowest + (float(stats.values[stats.values > lowest][0]) - lowest) / 2
-    return Look(((step, 0.0), (step, SOLID)), (lowest, highest))
+    return PresetCurve(((step, 0.0), (step, SOLID)), (lowest, highest))
 
 
-def field(stats: Statistics, rung: int | None) -> Look:
+def field(stats: Statistics, rung: int | None) -> PresetCurve:
     """A long, semi-transparent ramp from the median up. The colours span all values except the largest few."""
     low, clear, high = (stats.percentile(percent) for percent in (0.0, 50.0, 99.9))
-    return Look(((clear, 0.0), (high, FIELD_OPACITY)), (low, high) if low < high else None)
+    return PresetCurve(((clear, 0.0), (high, FIELD_OPACITY)), (low, high) if low < high else None)
 
 
-def cut_of(stats: Statistics, rung: int | None) -> Cut:
+def cut_of(stats: Statistics, rung: int | None) -> ClassThreshold:
     """The cut of a rung; None: the cut between object and surroundings."""
     return stats.cuts[min(stats.whole if rung is None else rung, len(stats.cuts) - 1)]
 
@@ -122,13 +122,13 @@ LANDMARKS = (-1000.0, -400.0, 40.0, 180.0, 600.0, 1500.0)
 TWO = (-1000.0, -400.0, 600.0, 1500.0)
 # percentile of the densest matter
 DENSEST = 99.9
-Build = Callable[[Statistics, int | None], Look]
+Build = Callable[[Statistics, int | None], PresetCurve]
 
 
-def adapt_look(look: Look) -> Build:
+def adapt_look(look: PresetCurve) -> Build:
     """Returns a builder that maps a CT's look to other values, whose classes take the places of the tissues."""
 
-    def build(stats: Statistics, rung: int | None) -> Look:
+    def build(stats: Statistics, rung: int | None) -> PresetCurve:
         units, values = _landmarks(stats)
 
         def place(unit: float) -> float:
@@ -136,7 +136,7 @@ def adapt_look(look: Look) -> Build:
 
         points = tuple((place(unit), opacity) for unit, opacity in look.points)
         low, high = (place(unit) for unit in look.window or (look.points[0][0], look.points[-1][0]))
-        return Look(points, (low, high) if low < high else None)
+        return PresetCurve(points, (low, high) if low < high else None)
 
     return build
 
@@ -154,33 +154,33 @@ def _landmarks(stats: Statistics) -> tuple[tuple[float, ...], np.ndarray]:
 def _percentiles(*nodes: tuple[float, float], window: tuple[float, float]) -> Build:
     """Returns a builder with nodes at percentiles of the values."""
 
-    def build(stats: Statistics, rung: int | None) -> Look:
+    def build(stats: Statistics, rung: int | None) -> PresetCurve:
         points = tuple((stats.percentile(percent), opacity) for percent, opacity in nodes)
         low, high = (stats.percentile(percent) for percent in window)
-        return Look(points, (low, high) if low < high else None)
+        return PresetCurve(points, (low, high) if low < high else None)
 
     return build
 
 
-def _mr(stats: Statistics, rung: int | None) -> Look:
+def _mr(stats: Statistics, rung: int | None) -> PresetCurve:
     """Opacity grows with the value from faint outer layers, so that skin and skull do not hide the inside."""
     low, high = cut_of(stats, rung).ramp(RAMP)
     top = max(high, stats.percentile(DENSEST))
     points = ((low, 0.0), (high, 0.12), (high / 2 + top / 2, 0.35), (top, 0.6))
-    return Look(points, (min(low, stats.percentile(1.0)), top))
+    return PresetCurve(points, (min(low, stats.percentile(1.0)), top))
 
 
-def _fraction(stats: Statistics, rung: int | None) -> Look:
+def _fraction(stats: Statistics, rung: int | None) -> PresetCurve:
     """A ramp over anisotropies from 0 to 1; other values are scaled to their largest."""
     top = 1.0 if stats.values[0] >= 0 and 0.3 < stats.values[-1] <= 1 else max(stats.percentile(DENSEST), 0.0)
     low = 0.0 if top > 0 else float(stats.values[0])
     points = tuple((low + share * (top - low), opacity) for share, opacity in ((0.15, 0), (0.35, 0.15), (0.8, 0.9)))
-    return Look(points, (low, top) if low < top else None)
+    return PresetCurve(points, (low, top) if low < top else None)
 
 
 def _ct(name: str, about: str, colormap: str, window: tuple[float, float], *points: tuple[float, float]) -> Preset:
     nodes: Nodes = points
-    look = Look(nodes, window)
+    look = PresetCurve(nodes, window)
     return Preset(name, about, colormap, adapt_look(look), hounsfield=look)
 
 
@@ -259,8 +259,8 @@ SMOOTH = 1.15
 # largest ratio of values on a logarithmic scale: the classification table resolves 2⁻¹⁴ of it
 MOST_RATIO = 1e4
 
-BONE_HU = Look(((150.0, 0.0), (350.0, SURFACE), (1200.0, CORE)), (-600.0, 1200.0))
-SOFT_HU = Look(((-350.0, 0.0), (-50.0, 0.5), (300.0, SURFACE), (1200.0, CORE)), (-700.0, 400.0))
+BONE_HU = PresetCurve(((150.0, 0.0), (350.0, SURFACE), (1200.0, CORE)), (-600.0, 1200.0))
+SOFT_HU = PresetCurve(((-350.0, 0.0), (-50.0, 0.5), (300.0, SURFACE), (1200.0, CORE)), (-700.0, 400.0))
 PRESETS = {
     preset.name: preset
     for preset in (
@@ -529,7 +529,7 @@ def build_transfer(chosen: Preset, stats: Statistics, volume: Volume) -> Transfe
     if stats.constant:
         value = float(stats.values[0]) if len(stats.values) else 0.0
         opacity = SOLID if chosen.blend else float(np.clip(-np.expm1(-FOG / volume.shortest), 0.01, SOLID))
-        look = Look(((value, opacity if len(stats.values) else 0.0),))
+        look = PresetCurve(((value, opacity if len(stats.values) else 0.0),))
     elif chosen.hounsfield and _is_hounsfield(stats):
         look = chosen.hounsfield
     else:

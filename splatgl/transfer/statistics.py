@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.data.arrays import Changed, missing_type
+from splatgl.data.arrays import ConvertedArray, missing_type
 from splatgl.data.fills import TIMES_LARGER, custom_fills, distinct, format_numbers, inner_range, is_nines
 from splatgl.data.volume import MOST_SCANNED, Volume
 from splatgl.transfer.label_detection import AMOUNTS, LABELS, kind_of
@@ -36,7 +36,7 @@ FIX = "--values amounts draws them"
 
 
 @dataclass(frozen=True)
-class Far:
+class OutlierValues:
     """Values that belong to no object. fills: stand for no value. low, high: others lie beyond these."""
 
     fills: tuple[float, ...] = ()
@@ -51,14 +51,14 @@ class Far:
         return np.asarray(near)
 
 
-def far_values(volume: Volume, sample: np.ndarray, values: np.ndarray) -> Far:
+def find_outliers(volume: Volume, sample: np.ndarray, values: np.ndarray) -> OutlierValues:
     """Values of a volume far from all others; none if its file or options state what samples mean.
 
     sample [d, h, w]: of the samples, with the ends of all axes. values: the finite ones, sorted.
     """
     hints = volume.hints
     if volume.labels is not None or volume.color is not None or hints.values or hints.points or not len(values):
-        return Far()
+        return OutlierValues()
     corners = sample[np.ix_(*([0, -1] for _ in range(3)))]
 
     def is_padding(fill: float, share: float, rest: np.ndarray) -> bool:
@@ -73,11 +73,11 @@ def far_values(volume: Volume, sample: np.ndarray, values: np.ndarray) -> Far:
     # lone voxels may be the object, unless they are saturated or extremely far
     spread = high - low
     apart = spread * (1 if last in LARGEST_INTEGERS and not _varies_beyond(rest, high + spread) else UNUSUAL)
-    hot = Far(fills, low - UNUSUAL * spread, high + apart)
+    hot = OutlierValues(fills, low - UNUSUAL * spread, high + apart)
     if not 0 < spread < math.inf or (first >= hot.low and last <= hot.high):
-        return Far(fills)
-    flanks = Far(fills, low - FLANK * spread, high + FLANK * spread)
-    return hot if _are_hot(volume, hot, flanks) and kind_of(volume)[0] != LABELS else Far(fills)
+        return OutlierValues(fills)
+    flanks = OutlierValues(fills, low - FLANK * spread, high + FLANK * spread)
+    return hot if _are_hot(volume, hot, flanks) and kind_of(volume)[0] != LABELS else OutlierValues(fills)
 
 
 def _varies_beyond(rest: np.ndarray, limit: float) -> bool:
@@ -97,7 +97,7 @@ def _pads(fill: float, rest: np.ndarray) -> bool:
     return bool(is_far) and len(distinct(rest)) >= DISTINCT
 
 
-def _are_hot(volume: Volume, limits: Far, flanks: Far) -> bool:
+def _are_hot(volume: Volume, limits: OutlierValues, flanks: OutlierValues) -> bool:
     """Whether values beyond limits are lone voxels, or a mark at a corner, of something else than noise. flanks: limits
     of what may lie beside lone ones.
     """
@@ -108,7 +108,7 @@ def _are_hot(volume: Volume, limits: Far, flanks: Far) -> bool:
     # 2. hot voxels, and those without a bright one beside a face, which the flank of a peak would be
     count, alone, is_mark = 0, 0, False
     for block in blocks:
-        has_value = np.isfinite(block) & Far(limits.fills).near(block)
+        has_value = np.isfinite(block) & OutlierValues(limits.fills).near(block)
         is_hot, is_bright = has_value & ~limits.near(block), has_value & ~flanks.near(block)
         beside = np.zeros_like(is_hot)
         for axis in range(3):
@@ -131,7 +131,7 @@ def _is_at_corner(places: np.ndarray, shape: tuple[int, ...]) -> bool:
     return bool((at_ends & (last - first + 1 <= np.maximum(size * MARK, 1))).all())
 
 
-def _correlation(blocks: list[np.ndarray], limits: Far) -> float:
+def _correlation(blocks: list[np.ndarray], limits: OutlierValues) -> float:
     """Correlation of neighbours along x whose values lie within finite limits."""
     pairs = []
     for block in blocks:
@@ -146,11 +146,11 @@ def _correlation(blocks: list[np.ndarray], limits: Far) -> float:
     return float(shared / np.sqrt(own * other)) if own * other > 0 else 0.0
 
 
-def without_far(volume: Volume, far: Far) -> Volume:
+def without_outliers(volume: Volume, far: OutlierValues) -> Volume:
     """The volume with NaN, which is not drawn, in place of values far from all others, and in place of lone ones in
     memory the median of those around them; with notes.
     """
-    if far == Far():
+    if far == OutlierValues():
         return volume
 
     def with_missing(block: np.ndarray) -> np.ndarray:
@@ -159,7 +159,7 @@ def without_far(volume: Volume, far: Far) -> Volume:
     def changed(part: Volume) -> Volume:
         samples = part.samples
         return replace(
-            part, samples=Changed(samples, samples.shape, missing_type(np.dtype(samples.dtype)), with_missing)
+            part, samples=ConvertedArray(samples, samples.shape, missing_type(np.dtype(samples.dtype)), with_missing)
         )
 
     notes = list[str]()
@@ -175,10 +175,10 @@ def without_far(volume: Volume, far: Far) -> Volume:
     return replace(volume, samples=samples, coarser=coarser, notes=(*volume.notes, *notes))
 
 
-def _repaired(samples: np.ndarray, far: Far) -> np.ndarray:
+def _repaired(samples: np.ndarray, far: OutlierValues) -> np.ndarray:
     """Samples with medians of those around lone ones beyond the limits, and NaN for others far from the rest."""
     near = far.near(samples)
-    places = np.argwhere(~near & np.isfinite(samples) & Far(far.fills).near(samples))
+    places = np.argwhere(~near & np.isfinite(samples) & OutlierValues(far.fills).near(samples))
     steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     around = tuple(np.clip(places[:, None] + steps, 0, np.array(samples.shape) - 1).transpose(2, 0, 1))
     known = near[around]
@@ -210,7 +210,7 @@ FOUND, ONE_SIDED = 1e-5, 2.0
 
 
 @dataclass(frozen=True)
-class Ground:
+class NoiseBackground:
     """Background. level, noise: mean and standard deviation. cut: values above belong to objects."""
 
     level: float
@@ -218,14 +218,14 @@ class Ground:
     cut: float
 
 
-def ground_of(values: np.ndarray, least_share: float) -> Ground | None:
+def background_of(values: np.ndarray, least_share: float) -> NoiseBackground | None:
     """Background of sorted finite values; None if it has less than `least_share` of them or nothing stands out."""
     if len(values) < LEAST or not np.isfinite(float(values[-1]) - float(values[0])):
         return None
     level, noise = _peak(values)
     if not noise > 0 or not level + FURTHEST * noise > level:
         # a constant background, with a few pixels below it
-        ground = Ground(level, 0.0, level) if values[0] < level else None
+        ground = NoiseBackground(level, 0.0, level) if values[0] < level else None
     else:
         ground = _cut(values, level, noise)
     if ground is None or _count_up_to(values, ground.cut) < least_share * len(values):
@@ -253,7 +253,7 @@ def _peak(values: np.ndarray) -> tuple[float, float]:
     return level, noise
 
 
-def _cut(values: np.ndarray, level: float, noise: float) -> Ground | None:
+def _cut(values: np.ndarray, level: float, noise: float) -> NoiseBackground | None:
     """Background up to the value at which noise and objects are about equally dense; None if there is none."""
     width = max(noise / 2, _step(values[: _count_up_to(values, level + BEYOND * noise)]))
     for place in level + noise * np.linspace(NEAREST, FURTHEST, STEPS + 1):
@@ -263,7 +263,7 @@ def _cut(values: np.ndarray, level: float, noise: float) -> Ground | None:
             return None
         objects = (far - near) / ((LAST - NEXT) * noise)
         if here / width <= 2 * objects:
-            return Ground(level, noise, float(place))
+            return NoiseBackground(level, noise, float(place))
     return None
 
 
@@ -313,7 +313,7 @@ LARGEST_HALF = 8e307
 
 
 @dataclass(frozen=True)
-class Cut:
+class ClassThreshold:
     """A threshold between two classes of values, with the classes' mean values."""
 
     value: float
@@ -337,9 +337,9 @@ class Statistics:
 
     values: np.ndarray
     background: float
-    cuts: tuple[Cut, ...]
+    cuts: tuple[ClassThreshold, ...]
     whole: int
-    ground: Ground | None = None
+    ground: NoiseBackground | None = None
 
     @property
     def sparse(self) -> bool:
@@ -363,12 +363,12 @@ class Statistics:
 def statistics(volume: Volume) -> Statistics:
     """Statistics of a volume's finite values; sparse volumes are read whole for their foreground."""
     volume, sample, finite, far = _examine(volume)
-    if far != Far():
+    if far != OutlierValues():
         finite, sample = finite[far.near(finite)], np.where(far.near(sample), sample, np.nan)
     if len(finite) == 0:
         return Statistics(finite, 1.0, (), 0)
     background = _share_of_lowest(finite)
-    ground = ground_of(finite, SPARSE) if background < SPARSE else None
+    ground = background_of(finite, SPARSE) if background < SPARSE else None
     if ground is not None:
         finite[: np.searchsorted(finite, ground.cut, side="right")] = ground.level
         background = _share_of_lowest(finite)
@@ -414,16 +414,16 @@ def mean_deviation(volume: Volume) -> float:
     return total / count
 
 
-def far_of(volume: Volume) -> Far:
+def outliers_of(volume: Volume) -> OutlierValues:
     """Values of a volume far from all others."""
     return _examine(volume)[3]
 
 
-def without_far_values(volume: Volume) -> Volume:
-    """The volume without values far from all others, of each channel for itself, as of `without_far`."""
+def without_outlier_values(volume: Volume) -> Volume:
+    """The volume without values far from all others, of each channel for itself, as of `without_outliers`."""
     if len(volume.channels) < 2:
-        return without_far(volume, far_of(volume))
-    channels = tuple(map(without_far_values, volume.channels))
+        return without_outliers(volume, outliers_of(volume))
+    channels = tuple(map(without_outlier_values, volume.channels))
     pairs = list(zip(channels, volume.channels, strict=True))
     notes = [f"{new.name or 'a channel'}: {note}" for new, old in pairs for note in new.notes[len(old.notes) :]]
     if not notes:
@@ -432,12 +432,12 @@ def without_far_values(volume: Volume) -> Volume:
     return replace(volume, samples=first.samples, coarser=first.coarser, channels=channels, notes=tuple(notes))
 
 
-def _examine(volume: Volume) -> tuple[Volume, np.ndarray, np.ndarray, Far]:
+def _examine(volume: Volume) -> tuple[Volume, np.ndarray, np.ndarray, OutlierValues]:
     """The level of a volume that is sampled, the sample, its finite values, sorted, and what is far from all others."""
     level = _small_level(volume)
     sample = _sample(level)
     finite = _sort_finite(sample)
-    return level, sample, finite, far_values(level, sample, finite)
+    return level, sample, finite, find_outliers(level, sample, finite)
 
 
 def sorted_percentile(values: np.ndarray, percent: float) -> float:
@@ -479,7 +479,7 @@ def _sort_finite(sample: np.ndarray) -> np.ndarray:
     return np.sort(sample, axis=None, kind="stable" if sample.dtype.itemsize <= 2 else None).astype(np.float64)
 
 
-def _foreground(volume: Volume, lowest: float, ground: Ground | None, far: Far) -> np.ndarray:
+def _foreground(volume: Volume, lowest: float, ground: NoiseBackground | None, far: OutlierValues) -> np.ndarray:
     """The lowest sampled value and at most VALUES of all finite values above the background, or other than the lowest,
     but those far from all others; sorted.
     """
@@ -492,9 +492,9 @@ def _foreground(volume: Volume, lowest: float, ground: Ground | None, far: Far) 
     return np.sort(values[:: len(values) // VALUES + 1])
 
 
-def _ladder(values: np.ndarray) -> tuple[Cut, ...]:
+def _ladder(values: np.ndarray) -> tuple[ClassThreshold, ...]:
     """Cuts by Otsu's rule: between all values, then between those above the first cut, and so on."""
-    cuts: list[Cut] = []
+    cuts: list[ClassThreshold] = []
     while len(cuts) < RUNGS and len(values) > 1 and values[0] < values[-1]:
         cut = _otsu(values)
         cuts.append(cut)
@@ -502,12 +502,12 @@ def _ladder(values: np.ndarray) -> tuple[Cut, ...]:
     return tuple(cuts)
 
 
-def _otsu(values: np.ndarray) -> Cut:
+def _otsu(values: np.ndarray) -> ClassThreshold:
     """The cut that splits sorted values into two classes of the largest between-class variance (Otsu 1979)."""
     # scale values whose range or sums exceed float64
     if not max(abs(values[0]), abs(values[-1])) < LARGE:
         cut = _otsu(values / LARGE)
-        return Cut(cut.value * LARGE, cut.below * LARGE, cut.above * LARGE)
+        return ClassThreshold(cut.value * LARGE, cut.below * LARGE, cut.above * LARGE)
     end = sorted_percentile(values, HISTOGRAM_END)
     end = end if end > values[0] else float(values[-1])
     counts, edges = np.histogram(np.minimum(values, end), BINS, (float(values[0]), end))
@@ -521,10 +521,10 @@ def _otsu(values: np.ndarray) -> Cut:
     # an empty interval between the classes has many best cuts: take its middle
     best = np.flatnonzero(between >= between.max() * (1 - 1e-12))
     at = int(best[len(best) // 2])
-    return Cut(float(edges[at + 1]), float(below[at]), float(above[at]))
+    return ClassThreshold(float(edges[at + 1]), float(below[at]), float(above[at]))
 
 
-def _object_rung(sample: np.ndarray, cuts: tuple[Cut, ...]) -> int:
+def _object_rung(sample: np.ndarray, cuts: tuple[ClassThreshold, ...]) -> int:
     """The first cut whose foreground touches at most WHOLE faces; else the first that covers at most COVERED."""
     faces = [face for axis in range(3) for face in (np.take(sample, 0, axis), np.take(sample, -1, axis))]
     shares = [[float(np.mean(face > np.float64(cut.value))) for face in faces] for cut in cuts]

@@ -17,15 +17,15 @@ from splatgl.data.volume import PER_EXTENT, Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import load_table, parse_table, toml_value, write_file
 from splatgl.options import (
-    Group,
-    Kind,
+    HelpGroup,
     Option,
+    ValueKind,
     check_options,
     declared,
     non_default,
     option,
     read_pairs,
-    refuse_unknown,
+    reject_unknown,
 )
 from splatgl.transfer.colormaps import (
     SOLID,
@@ -54,7 +54,7 @@ Nodes = Sequence[Sequence[float]]
 SCALES, A_DECADE = ("linear", "log"), 16
 # the length that a volume's box gives, see `Lengths`
 EXTENT = "extent"
-_LENGTH = Kind.number(low=0, above=True)
+_LENGTH = ValueKind.number(low=0, above=True)
 
 
 def _nodes(what: str, second: str, pairs: Any) -> Nodes:
@@ -103,7 +103,7 @@ def _colormap(name: Any) -> str:
     return str(name)
 
 
-_option = partial(option, group=Group.TRANSFER)
+_option = partial(option, group=HelpGroup.TRANSFER)
 
 
 @public
@@ -133,23 +133,25 @@ class Transfer:
         default=(),
         metadata={
             "option": Option(
-                Kind("pairs", _points, read_pairs, "V:A,V:A…", hint="Sequence[Numbers]"),
+                ValueKind("pairs", _points, read_pairs, "V:A,V:A…", hint="Sequence[Numbers]"),
                 "opacity A at value V, linear between",
-                Group.TRANSFER,
+                HelpGroup.TRANSFER,
                 "basic",
             )
         },
     )
     colormap: str = _option(
         "gray",
-        Kind("a name, or sRGB colours [N, 3]", _colormap, str, "NAME", hint="str | Sequence[Numbers] | np.ndarray"),
+        ValueKind(
+            "a name, or sRGB colours [N, 3]", _colormap, str, "NAME", hint="str | Sequence[Numbers] | np.ndarray"
+        ),
         "gray, bone, hot, viridis, …. Or any map of cmap or Matplotlib",
         level="basic",
     )
-    window: Sequence[float] | None = _option(None, Kind.interval(), "values that the colours span", level="basic")
+    window: Sequence[float] | None = _option(None, ValueKind.interval(), "values that the colours span", level="basic")
     unit: float | Literal["extent"] | None = _option(
         None,
-        Kind(
+        ValueKind(
             f"a positive, finite length in world units, or {EXTENT}",
             _unit,
             lambda text: text if text == EXTENT else float(text),
@@ -161,21 +163,23 @@ class Transfer:
     )
     gradient: Nodes = _option(
         (),
-        Kind("pairs", partial(_nodes, "transfer gradient", "weight"), read_pairs, "G:W,G:W…", hint="Sequence[Numbers]"),
+        ValueKind(
+            "pairs", partial(_nodes, "transfer gradient", "weight"), read_pairs, "G:W,G:W…", hint="Sequence[Numbers]"
+        ),
         "factor W of the opacity at gradient G, linear between",
     )
-    shading: bool = option(True, Kind.flag())
-    labels: Sequence[tuple[int, str, float]] = option((), Kind("labels", check_labels))
+    shading: bool = option(True, ValueKind.flag())
+    labels: Sequence[tuple[int, str, float]] = option((), ValueKind("labels", check_labels))
     scale: str = _option(
         "linear",
-        replace(Kind.choice(SCALES), metavar=""),
+        replace(ValueKind.choice(SCALES), metavar=""),
         "opacities and colours over logarithms of values",
         flag="--log",
         bare="log",
     )
     iso: Sequence[Any] = _option(
         (),
-        Kind(
+        ValueKind(
             f"{FORM}, or several",
             check_iso,
             read_iso,
@@ -189,7 +193,7 @@ class Transfer:
     )
     regions: Sequence[Any] = _option(
         (),
-        Kind("regions", check_regions, Region.parse, "REGION", written=REGION_FORM, hint="Sequence[Any]"),
+        ValueKind("regions", check_regions, Region.parse, "REGION", written=REGION_FORM, hint="Sequence[Any]"),
         "matter in a box, triangle, gaussian or image over values and gradients: " + REGION_FORM + " (repeatable)",
         flag="--region",
         repeat=True,
@@ -366,7 +370,7 @@ class Transfer:
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Transfer:
         """A Transfer from the keys and values of a TOML table. Raises InputError for unknown keys."""
-        refuse_unknown("transfer function", table, declared(cls))
+        reject_unknown("transfer function", table, declared(cls))
         if not table.keys() & {"points", "regions", "labels"}:
             raise expected("transfer function", "the key points", ", ".join(table) or "nothing", "points = [[v, a], …]")
         return cls(**table)

@@ -43,14 +43,14 @@ TOP = 99.9
 ColorPoints = Sequence[tuple[float, str]]
 
 
-class Level(NamedTuple):
+class ValueOrPercentile(NamedTuple):
     """A value, or a percentile of a volume's values."""
 
     number: float
     is_percentile: bool
 
     @classmethod
-    def read(cls, what: str, text: str) -> Level:
+    def read(cls, what: str, text: str) -> ValueOrPercentile:
         """Reads a number or P%. Raises InputError for other text."""
         digits = text.strip()
         percent = digits.endswith("%")
@@ -124,7 +124,7 @@ def _ends(name: str, text: str, stats: Statistics | None) -> tuple[float, float]
     count = 1 if name == "step" else 2
     if len(parts) != count:
         raise expected("curve", f"{'one value' if count == 1 else 'two values'} for {name}", repr(text[:80]))
-    low, high = (Level.read("curve", part).value("curve", stats) for part in (parts[0], parts[-1]))
+    low, high = (ValueOrPercentile.read("curve", part).value("curve", stats) for part in (parts[0], parts[-1]))
     if count == 2 and not low < high:
         of = f", which are {low:g} and {high:g}" if "%" in text else ""
         raise expected("curve", f"the lower value of {name} first, and another one", f"{text}{of}")
@@ -207,7 +207,7 @@ def read_color_points(colors: Any, stats: Statistics | None) -> ColorPoints:
     for pair in pairs if isinstance(pairs, Sequence) else ():
         match pair:
             case [str() | int() | float() as value, name]:
-                level = Level.read("colors", str(value)).value("colors", stats)
+                level = ValueOrPercentile.read("colors", str(value)).value("colors", stats)
                 points.append((level, color_code("colors", name)))
             case _:
                 raise expected("colors", form, repr(colors)[:80])

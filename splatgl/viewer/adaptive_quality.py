@@ -102,7 +102,7 @@ LENIENT, LENIENT_SHARE = 8 / 255, 1 / 3
 
 
 @dataclass(frozen=True)
-class Level:
+class PreviewLevel:
     """scale: of the window's pixels, along each axis. stride: downsampling factor of the volume, by averaging. exact:
     whether it is drawn with the requested settings.
     """
@@ -119,8 +119,8 @@ class Level:
         """The requested settings with the reductions of a preview."""
         if self.exact:
             return settings
-        lenient = settings.but(tolerance=max(settings.tolerance, LENIENT))
-        return lenient.but(antialias="paper") if settings.antialias in AVERAGED else lenient
+        lenient = settings.replace(tolerance=max(settings.tolerance, LENIENT))
+        return lenient.replace(antialias="paper") if settings.antialias in AVERAGED else lenient
 
     def __str__(self) -> str:
         pixels = [f"{self.scale**2:.0%} of the pixels"] if self.scale < 1 else []
@@ -128,17 +128,21 @@ class Level:
         return ", ".join(pixels + voxels) or ("in full" if self.exact else "all pixels and voxels")
 
 
-FULL = Level(exact=True)
+FULL = PreviewLevel(exact=True)
 # finest first. Measured on bones, a stent and a neuron: an eighth of the pixels has half the error of every second
 # voxel; coarser voxels turn thin things into blobs
 _SHARES = {1: (0.84, 0.71, 0.5, 0.35), 2: (0.71, 0.5, 0.35), 4: (0.5, 0.35), 8: (0.5,)}
-LADDER = (FULL, Level(), *(Level(share, stride) for stride, shares in _SHARES.items() for share in shares))
+LADDER = (
+    FULL,
+    PreviewLevel(),
+    *(PreviewLevel(share, stride) for stride, shares in _SHARES.items() for share in shares),
+)
 STRIDES = tuple(sorted({level.stride for level in LADDER}))
-FLOOR = LADDER.index(Level(0.35, 2))
+FLOOR = LADDER.index(PreviewLevel(0.35, 2))
 
 
 @dataclass(frozen=True)
-class Pace:
+class PreviewPace:
     """Quality level of previews, and the costs that it follows from. level: index into LADDER. costs: seconds of each
     level's picture, as far as known.
 
@@ -160,7 +164,7 @@ class Pace:
     target: float = TARGET
 
     @classmethod
-    def of(cls, splats: Sequence[int], pixels: int, target: float = TARGET) -> Pace:
+    def of(cls, splats: Sequence[int], pixels: int, target: float = TARGET) -> PreviewPace:
         """The pace before any frame. splats: numbers at each of STRIDES; pixels: of the window."""
         counts = dict(zip(STRIDES, splats, strict=True))
         work = [
@@ -169,9 +173,9 @@ class Pace:
         ]
         return cls(tuple(work), target=target)
 
-    def again(self, splats: Sequence[int], pixels: int) -> Pace:
+    def again(self, splats: Sequence[int], pixels: int) -> PreviewPace:
         """The pace for other splats or another window size: measured costs, scaled in proportion to the work."""
-        fresh = Pace.of(splats, pixels, self.target)
+        fresh = PreviewPace.of(splats, pixels, self.target)
         costs = [
             None if cost is None else cost * new / old
             for cost, new, old in zip(self.costs, fresh.work, self.work, strict=True)
@@ -192,7 +196,7 @@ class Pace:
         estimate = known[nearest] * self.work[level] / self.work[nearest]
         return self.fixed + (estimate if value is None else min(value, estimate))
 
-    def drawn(self, level: int, seconds: float, rest: float = 0.0) -> Pace:
+    def drawn(self, level: int, seconds: float, rest: float = 0.0) -> PreviewPace:
         """The pace after a frame of a level. seconds: of its picture; rest: of all else. Only frames at the preview
         level can change that level.
         """
@@ -218,7 +222,7 @@ class Pace:
                 return replace(known, level=left, slow=0, quick=0, wait=2 * self.wait)
         return known._judged(min(cost, seconds) + fixed)
 
-    def _judged(self, seconds: float) -> Pace:
+    def _judged(self, seconds: float) -> PreviewPace:
         """The pace with another level, if one is due after a frame of so many seconds."""
         if self.level not in self._allowed:
             # the floor is fast enough again
@@ -233,7 +237,7 @@ class Pace:
             return replace(self, level=self.level - 1, slow=0, quick=0)
         return replace(self, slow=min(slow, SLOW_FRAMES), quick=quick)
 
-    def started(self) -> Pace:
+    def started(self) -> PreviewPace:
         """The pace at the finest level expected to meet the target, else at the finest that is nearly the fastest."""
         level = next((level for level in self._allowed if self.expected(level) <= self._enough), self._allowed[-1])
         left = 0 if level and self.met[0] else None
@@ -270,7 +274,7 @@ Wanted = tuple[object, ...]
 
 
 @dataclass(frozen=True)
-class Moment:
+class InputTiming:
     """Input state of a frame. idle: seconds since the last input. turning: automatic rotation. held: a button is down
     and a full-quality frame could not be cancelled. strides: with extracted splats.
     """
@@ -300,7 +304,7 @@ class Refiner:
     """Tracks the last frame and the cost of each level. Frames are identified by tuples of their inputs."""
 
     def __init__(self, splats: Sequence[int], pixels: int, target: float) -> None:
-        self.pace = Pace.of(splats, pixels, target)
+        self.pace = PreviewPace.of(splats, pixels, target)
         self.drawn: Wanted = ()
         self.refused: Wanted = ()
         # the level of the last frame, and whether no refinement of it remains
@@ -308,7 +312,7 @@ class Refiner:
         # whether the last frame began a motion: it includes uploads to the GPU, and does not predict the next
         self.first = False
 
-    def level(self, wanted: Wanted, now: Moment) -> int | None:
+    def level(self, wanted: Wanted, now: InputTiming) -> int | None:
         """Index into LADDER of the frame to draw now; None for no frame."""
         if wanted == self.refused or not now.strides:
             return None
@@ -324,7 +328,7 @@ class Refiner:
         due = now.finest(0)
         return due if due < self.last or due == 0 else None
 
-    def step(self, wanted: Wanted, now: Moment, draw: Callable[[int], tuple[Wanted, bool]]) -> int | None:
+    def step(self, wanted: Wanted, now: InputTiming, draw: Callable[[int], tuple[Wanted, bool]]) -> int | None:
         """Draws the frame that is due, and returns its level; None if none is. draw: at a level; returns the inputs, as
         finer voxels may be read, and whether no refinement remains. A frame with an error is not tried again.
         """
@@ -347,7 +351,7 @@ class Refiner:
         """Adapts to other splats or another window size."""
         self.pace = self.pace.again(splats, pixels)
 
-    def patience(self, wanted: Wanted, now: Moment) -> float | None:
+    def seconds_until_due(self, wanted: Wanted, now: InputTiming) -> float | None:
         """Seconds until a frame is due; None if none is."""
         if wanted == self.refused or not now.strides:
             return None

@@ -18,8 +18,8 @@ from splatgl.geometry.slices import polygon_around
 from splatgl.geometry.view import perpendicular_axes
 from splatgl.gl.screen import LineColor, Stroke
 from splatgl.scene.meshes import is_mesh
-from splatgl.viewer.state import MOST_PLANES, Cuts, Lasso, box_planes
-from splatgl.viewer.trackball import Place, Pointer, Tool, View, nearest_on_line, pixel_ray, project
+from splatgl.viewer.state import MOST_PLANES, ClipState, Lasso, box_planes
+from splatgl.viewer.trackball import Place, Pointer, Tool, Viewport, nearest_on_line, pixel_ray, project
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 TOO_MANY_PLANES = f"there are {MOST_PLANES} planes already: remove one"
 
 
-def set_cuts(state: State, document: Document, cuts: Cuts) -> State:
+def set_cuts(state: State, document: Document, cuts: ClipState) -> State:
     """The state with other cuts; cuts that would leave nothing only set a message."""
     if cuts == state.cuts:
         return state
@@ -39,7 +39,7 @@ def set_cuts(state: State, document: Document, cuts: Cuts) -> State:
     clip = planes if cuts.active else ()
     # a scene's own planes stay as they are until they are changed
     same = (cuts.sides, cuts.planes, cuts.active) == (state.cuts.sides, state.cuts.planes, state.cuts.active)
-    return replace(state, cuts=cuts, settings=state.settings if same else state.settings.but(clip=clip))
+    return replace(state, cuts=cuts, settings=state.settings if same else state.settings.replace(clip=clip))
 
 
 # largest distance between cursor and handle, pixels at a content scale of 1
@@ -69,9 +69,9 @@ class HandleDrag:
 
     handle: Handle
     start: Place
-    cuts: Cuts
+    cuts: ClipState
 
-    def to(self, volume: Volume, camera: Camera, place: Place) -> Cuts:
+    def to(self, volume: Volume, camera: Camera, place: Place) -> ClipState:
         """The cuts for a cursor position, whatever the path to it."""
         handle = self.handle
         if handle.what == "tilt":
@@ -86,7 +86,7 @@ class HandleDrag:
         # whole voxels
         return self.cuts.with_side(handle.number, handle.end, round(share * size) / size)
 
-    def _tilted(self, volume: Volume, camera: Camera, place: Place) -> Cuts:
+    def _tilted(self, volume: Volume, camera: Camera, place: Place) -> ClipState:
         """The cuts with the tip of the arrow under the cursor, on the same side of the sphere around its foot."""
         plane = self.cuts.planes[self.handle.number]
         foot = plane_middle(self.cuts, volume, self.handle.number)
@@ -96,7 +96,7 @@ class HandleDrag:
         return self.cuts.with_plane(self.handle.number, (*normal, float(normal @ foot)))
 
 
-def handles(cuts: Cuts, volume: Volume) -> list[Handle]:
+def handles(cuts: ClipState, volume: Volume) -> list[Handle]:
     """The handles of the box and of all planes."""
     dots = [Handle("side", *_side_middle(cuts, volume, axis, end), axis, end) for axis in range(3) for end in range(2)]
     for number, plane in enumerate(cuts.planes):
@@ -123,7 +123,7 @@ def arrow_length(volume: Volume) -> float:
     return ARROW * float((corners.max(axis=0) - corners.min(axis=0)).max())
 
 
-def outline(cuts: Cuts, volume: Volume, plane: Plane) -> np.ndarray:
+def outline(cuts: ClipState, volume: Volume, plane: Plane) -> np.ndarray:
     """The polygon [N, 3] where a plane cuts the box, in order; N = 0 where the plane misses it."""
     normal = np.array(plane[:3])
     both = [plane, (*(-normal).tolist(), -plane[3]), *box_planes(cuts.sides, volume)]
@@ -131,7 +131,7 @@ def outline(cuts: Cuts, volume: Volume, plane: Plane) -> np.ndarray:
     return np.asarray(polygon_around(clip_corners(both, volume.corners) @ axes.T) @ axes + plane[3] * normal)
 
 
-def plane_middle(cuts: Cuts, volume: Volume, number: int) -> np.ndarray:
+def plane_middle(cuts: ClipState, volume: Volume, number: int) -> np.ndarray:
     """The foot [3] of a plane's arrow: the middle of its polygon, else the point nearest to the middle of the box."""
     plane = cuts.planes[number]
     points = outline(cuts, volume, plane)
@@ -141,7 +141,7 @@ def plane_middle(cuts: Cuts, volume: Volume, number: int) -> np.ndarray:
     return np.asarray(middle + (plane[3] - normal @ middle) * normal)
 
 
-def box_edges(cuts: Cuts, volume: Volume) -> list[tuple[np.ndarray, np.ndarray]]:
+def box_edges(cuts: ClipState, volume: Volume) -> list[tuple[np.ndarray, np.ndarray]]:
     """The twelve edges of the kept box, world."""
     corners = _corners(cuts, volume)
     return [(corners[i], corners[i | 1 << axis]) for axis in range(3) for i in range(8) if not i >> axis & 1]
@@ -172,7 +172,7 @@ def _moved(camera: Camera, handle: Handle, start: Place, place: Place) -> float:
     return towards * (start[1] - place[1]) * float(camera.pixel_pitch(depth))
 
 
-def _side_middle(cuts: Cuts, volume: Volume, axis: int, end: int) -> tuple[np.ndarray, np.ndarray]:
+def _side_middle(cuts: ClipState, volume: Volume, axis: int, end: int) -> tuple[np.ndarray, np.ndarray]:
     """Middle [3] of a face of the kept box, and the unit vector [3] along the axis of the grid."""
     corners = _corners(cuts, volume)
     along = volume.world_from_index[:, axis]
@@ -180,7 +180,7 @@ def _side_middle(cuts: Cuts, volume: Volume, axis: int, end: int) -> tuple[np.nd
     return np.mean(face, axis=0), np.asarray(along / np.linalg.norm(along))
 
 
-def _corners(cuts: Cuts, volume: Volume) -> np.ndarray:
+def _corners(cuts: ClipState, volume: Volume) -> np.ndarray:
     """Corners [8, 3] of the kept box, world, in the order of `Volume.corners`."""
     corners = volume.corners
     sides = corners[[1, 2, 4]] - corners[0]
@@ -192,26 +192,26 @@ class ClipTool(Tool):
     """Drags the handles of the clip box and of clip planes."""
 
     def __init__(self) -> None:
-        self.held: HandleDrag | None = None
+        self.drag: HandleDrag | None = None
 
-    def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def press(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Takes the handle under the cursor."""
         if pointer.button != "left" or pointer.modifiers or not state.cuts.shown or document.is_loading:
             return None
         handle = handle_at(handles(state.cuts, document.volume), state.pose.camera, pointer.place, view.scale)
-        self.held = None if handle is None else HandleDrag(handle, pointer.place, replace(state.cuts, active=True))
+        self.drag = None if handle is None else HandleDrag(handle, pointer.place, replace(state.cuts, active=True))
         return None if handle is None else state
 
-    def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def move(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Drags the handle; cuts that would leave nothing are refused with a message."""
-        if self.held is None:
+        if self.drag is None:
             return None
-        cuts = self.held.to(document.volume, state.pose.camera, pointer.place)
+        cuts = self.drag.to(document.volume, state.pose.camera, pointer.place)
         return set_cuts(replace(state, message=""), document, cuts)
 
-    def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def release(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Lets the handle go."""
-        self.held = self.held if pointer.button != "left" else None
+        self.drag = self.drag if pointer.button != "left" else None
         return None
 
 
@@ -258,13 +258,13 @@ def lasso_strokes(lasso: Lasso, scale: float) -> list[Stroke]:
 class LassoTool(Tool):
     """Draws an outline by a drag, once a command has asked for one."""
 
-    def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def press(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Begins an outline."""
         if not state.lasso.active or pointer.button != "left" or pointer.modifiers or document.is_loading:
             return None
         return replace(state, lasso=replace(state.lasso, points=(pointer.place,)))
 
-    def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def move(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Draws it on."""
         points = state.lasso.points
         if not points:
@@ -273,6 +273,6 @@ class LassoTool(Tool):
             return state
         return replace(state, lasso=replace(state.lasso, points=(*points, pointer.place)))
 
-    def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def release(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Cuts along it."""
         return cut_along(state, document) if pointer.button == "left" and state.lasso.points else None

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.annotations.annotate import ANNOTATIONS, default_names
-from splatgl.annotations.canvas import Annotation, Subject
+from splatgl.annotations.canvas import AnnotatedSubject, Annotation
 from splatgl.data.color import AUTO, linear_from_srgb
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
@@ -29,11 +29,11 @@ from splatgl.viewer.measure_tool import FIRST_POINT
 from splatgl.viewer.movie_track import Preview, stop_preview
 from splatgl.viewer.segments import with_shown
 from splatgl.viewer.slice_planes import STRAIGHT, normals, turned, with_slices, with_turn
-from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, THEMES, Cuts, Lasso, Pinned, Ruler, State
+from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, THEMES, ClipState, Lasso, PinnedView, Ruler, State
 from splatgl.viewer.trackball import NOTCH, Pose, up_direction
 
 
-class Request(Enum):
+class WindowRequest(Enum):
     """Effects without values."""
 
     SAVE_PICTURE = auto()
@@ -84,14 +84,14 @@ class OpenOption:
 
 
 @dataclass(frozen=True)
-class Leave:
+class LeaveDocument:
     """Opens what the window asked about, None: closes it, although edits are not saved. saves: the scene before."""
 
     opens: Open | OpenOption | None = None
     saves: bool = False
 
 
-Effect = Request | Copy | CopyText | Open | OpenOption | Leave
+Effect = WindowRequest | Copy | CopyText | Open | OpenOption | LeaveDocument
 Run = Callable[[State, Document], State | tuple[State, Effect]]
 
 
@@ -202,7 +202,7 @@ def why_not(settings: Settings, state: State, document: Document) -> str:
     """The reason why the document cannot be drawn with these settings; "" if it can."""
     try:
         shown = document.with_styles(state.styles, state.mesh_files, settings)
-        subject, drawn_with = shown.subject_at(STRIDES[-1], settings.but(classification="auto"))
+        subject, drawn_with = shown.subject_at(STRIDES[-1], settings.replace(classification="auto"))
         plan_scene(subject, state.pose.camera, drawn_with)
     except InputError as error:
         return str(error)
@@ -217,7 +217,7 @@ def _cycle(name: str, note: str = "") -> Run:
         for _ in allowed:
             value = _next(allowed, value)
             change: dict[str, Any] = {name: value}
-            settings = state.settings.but(**change)
+            settings = state.settings.replace(**change)
             if not why_not(settings, state, document):
                 break
         return replace(with_settings(state, document, settings), message=f"{name} {value}{note}")
@@ -231,10 +231,10 @@ def with_settings(state: State, document: Document, settings: Settings) -> State
     """
     first, usual = state.styles[0].base, list[Settings]()
     for look in (state.settings, settings):
-        scene = replace(document.scene, settings=look.but(background=AUTO))
+        scene = replace(document.scene, settings=look.replace(background=AUTO))
         usual.append(on_background(scene, document.volume, first).settings)
     if settings.background == state.settings.background == usual[0].background:
-        settings = settings.but(background=usual[1].background)
+        settings = settings.replace(background=usual[1].background)
     styles = []
     for layer, style in zip(document.layers, state.styles, strict=False):
         now, then = (channel_opacity(layer.volume, look) for look in (state.settings, settings))
@@ -247,7 +247,7 @@ def with_settings(state: State, document: Document, settings: Settings) -> State
 
 def _light(state: State, document: Document) -> State:
     light = _next(choices()["light"], state.settings.light)
-    return replace(state, settings=state.settings.but(light=light), message=f"light {light}")
+    return replace(state, settings=state.settings.replace(light=light), message=f"light {light}")
 
 
 def _blur(state: State, document: Document) -> State:
@@ -301,7 +301,7 @@ def _ground(state: State, document: Document) -> State:
     now = state.ground if color is None else next((name for name, rgb in known.items() if rgb == color), names[-1])
     name = _next(names, now)
     ground = state.ground if name in COLORS else name
-    settings = state.settings.but(background=colors.get(name))
+    settings = state.settings.replace(background=colors.get(name))
     return replace(state, ground=ground, settings=settings, message=f"on {name}")
 
 
@@ -352,7 +352,7 @@ def _uncut(state: State, document: Document) -> State:
     if not (state.cuts.any or state.styles[0].scissors):
         return replace(state, message="nothing is cut")
     state = replace(state, styles=tuple(replace(style, scissors=()) for style in state.styles))
-    return replace(set_cuts(state, document, Cuts(shown=state.cuts.shown)), message="nothing is cut any more")
+    return replace(set_cuts(state, document, ClipState(shown=state.cuts.shown)), message="nothing is cut any more")
 
 
 def toggle_name(names: tuple[str, ...], name: str) -> tuple[str, ...]:
@@ -370,7 +370,7 @@ def _annotation(row: Annotation) -> Run:
 
 
 def _annotations(state: State, document: Document) -> State:
-    names = default_names(Subject.of(document.volume))
+    names = default_names(AnnotatedSubject.of(document.volume))
     rest = tuple(name for name in state.annotate if name not in names)
     return replace(state, annotate=rest if set(names) & set(state.annotate) else (*names, *rest))
 
@@ -473,7 +473,7 @@ def _pin(state: State, document: Document) -> State:
     if not document.is_complete:
         return replace(state, message="this picture is still being refined: pin it then")
     message = "this picture stays at the right: edit it, open another file or go to another time at the left"
-    return replace(state, pinned=Pinned(document, state.settings), compare="off", turning=False, message=message)
+    return replace(state, pinned=PinnedView(document, state.settings), compare="off", turning=False, message=message)
 
 
 def _close(state: State, document: Document) -> State | tuple[State, Effect]:
@@ -481,7 +481,7 @@ def _close(state: State, document: Document) -> State | tuple[State, Effect]:
         return replace(state, help=False)
     if state.fullscreen:
         return replace(state, fullscreen=False)
-    return replace(stop_preview(state), turning=False, playing=False, lasso=Lasso()), Request.CANCEL
+    return replace(stop_preview(state), turning=False, playing=False, lasso=Lasso()), WindowRequest.CANCEL
 
 
 VIEW_KEYS = {"front": "1", "back": "ctrl+1", "right": "3", "left": "ctrl+3", "top": "7", "bottom": "ctrl+7"}
@@ -504,17 +504,17 @@ MENUS: dict[str, tuple[Command, ...]] = {
     "File": (
         Command("open", "open files", ("ctrl+o",), _request(Open())),
         Command("add-layer", "add a volume, segmentation or mesh", ("ctrl+shift+o",), _request(Open(adds=True))),
-        Command("save-as", "save the scene or the picture as", ("ctrl+s",), _request(Request.SAVE_AS)),
-        Command("screenshot", "save the picture (PNG)", ("s", "f12"), _request(Request.SAVE_PICTURE)),
-        Command("save", "save the floats (NPY) and the scene", ("shift+s",), _request(Request.SAVE_SCENE)),
+        Command("save-as", "save the scene or the picture as", ("ctrl+s",), _request(WindowRequest.SAVE_AS)),
+        Command("screenshot", "save the picture (PNG)", ("s", "f12"), _request(WindowRequest.SAVE_PICTURE)),
+        Command("save", "save the floats (NPY) and the scene", ("shift+s",), _request(WindowRequest.SAVE_SCENE)),
         Command("copy-command", "copy the picture as a command", (), _request(Copy.COMMAND)),
         Command("copy-python", "copy the picture as Python", (), _request(Copy.PYTHON)),
         Command("copy-scene", "copy the picture as a scene file", (), _request(Copy.SCENE)),
-        Command("quit", "quit", ("q", "ctrl+q"), _request(Request.QUIT)),
+        Command("quit", "quit", ("q", "ctrl+q"), _request(WindowRequest.QUIT)),
     ),
     "Edit": (
-        Command("undo", "undo the last change", ("ctrl+z",), _request(Request.UNDO)),
-        Command("redo", "redo what was undone", ("ctrl+shift+z", "ctrl+y"), _request(Request.REDO)),
+        Command("undo", "undo the last change", ("ctrl+z",), _request(WindowRequest.UNDO)),
+        Command("redo", "redo what was undone", ("ctrl+shift+z", "ctrl+y"), _request(WindowRequest.REDO)),
         Command("handles", "handles of the cutting box and planes", ("x",), _handles),
         Command("cuts", "cuts on or off", ("shift+x",), _cuts),
         Command("plane", "cut by another plane, which faces you", ("ctrl+x",), _plane),
@@ -543,7 +543,7 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("pin", "keep this picture at the right, or not", ("ctrl+d",), _pin),
         Command("fullscreen", "fullscreen", ("f11", "f"), _rotate("fullscreen")),
         Command("panel", "show or hide the panel", ("tab",), _rotate("panel")),
-        Command("focus", "keys in the panel, or the picture", ("f6",), _request(Request.FOCUS)),
+        Command("focus", "keys in the panel, or the picture", ("f6",), _request(WindowRequest.FOCUS)),
         Command("theme", "dark or light panel", (), _rotate("theme", THEMES)),
         Command("hud", "what is drawn and how: short, full, or off", ("i",), _rotate("hud", HUDS)),
     ),
@@ -593,13 +593,13 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("later", "the next time point", (">",), _time(1), "the time point before, after"),
         Command("keyframe", "add the view to the movie's keyframes", (), _keyframe),
         Command("preview", "preview the movie, or stop", (), _preview),
-        Command("record", "record the movie", (), _request(Request.RECORD)),
-        Command("record-as", "record the movie as", (), _request(Request.RECORD_AS)),
-        Command("cancel-recording", "cancel the recording", (), _request(Request.CANCEL_RECORDING)),
-        Command("copy-movie", "copy the movie as a command", (), _request(Request.COPY_MOVIE)),
+        Command("record", "record the movie", (), _request(WindowRequest.RECORD)),
+        Command("record-as", "record the movie as", (), _request(WindowRequest.RECORD_AS)),
+        Command("cancel-recording", "cancel the recording", (), _request(WindowRequest.CANCEL_RECORDING)),
+        Command("copy-movie", "copy the movie as a command", (), _request(WindowRequest.COPY_MOVIE)),
     ),
     "Help": (
-        Command("palette", "find a command", ("ctrl+p",), _request(Request.PALETTE)),
+        Command("palette", "find a command", ("ctrl+p",), _request(WindowRequest.PALETTE)),
         Command("help", "all keys", ("?", "f1"), _rotate("help")),
         Command("close", "close what is open; stop what goes on", ("escape",), _close),
     ),
@@ -631,13 +631,17 @@ class Question:
 UNSAVED = Question(
     "Edits are not saved",
     "Save the changes as a scene before the window closes?",
-    (("save and quit", Leave(saves=True)), ("discard", Leave()), ("cancel", None)),
+    (("save and quit", LeaveDocument(saves=True)), ("discard", LeaveDocument()), ("cancel", None)),
 )
 
 
 def ask_to_leave(opens: Open | OpenOption) -> Question:
     """The question before other files replace a document with unsaved edits."""
-    answers = ("save and open", Leave(opens, saves=True)), ("open without saving", Leave(opens)), ("cancel", None)
+    answers = (
+        ("save and open", LeaveDocument(opens, saves=True)),
+        ("open without saving", LeaveDocument(opens)),
+        ("cancel", None),
+    )
     return Question(UNSAVED.title, "Save the changes as a scene before another file is opened?", answers)
 
 

@@ -184,7 +184,7 @@ class Document:
 
     def is_described_as(self, other: Document) -> bool:
         """Whether the scene files of both say the same, but for the background, which may follow the values."""
-        plain = [each.scene.settings.but(background=AUTO) for each in (self, other)]
+        plain = [each.scene.settings.replace(background=AUTO) for each in (self, other)]
         pairs = zip((self, other), plain, strict=True)
         first, second = (replace(each.scene, scissors=(), look=None, settings=settings) for each, settings in pairs)
         cuts, others = ([cut.table for cut in each.scene.scissors] for each in (self, other))
@@ -248,7 +248,7 @@ class Document:
         shown = replace(self, styles=styles, mesh_files=tuple(mesh_files))
         if shown.is_layered:
             # blurred pictures of layers are means of sharp ones
-            settings, moving = settings.but(motion="off"), False
+            settings, moving = settings.replace(motion="off"), False
         pool = dict(self.pool)
         for style in styles:
             layer = pool[style.number].within(shown.world, style.scissors)
@@ -294,7 +294,7 @@ class Document:
         if not self.is_layered:
             layer = self.layers[0]
             return layer.at(stride) if eye is None else layer.seen_from(eye, stride, settings), settings
-        return self.scene_at(stride, settings.clip), settings.but(clip=())
+        return self.scene_at(stride, settings.clip), settings.replace(clip=())
 
     def scene_at(self, stride: int, clip: Sequence[Plane]) -> Scene:
         """Scene for the renderer at a stride, clipped by planes; `splatgl render` draws the same at stride 1."""

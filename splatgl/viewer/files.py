@@ -179,7 +179,7 @@ SIDES = (64, 1 << 14)
 
 
 @dataclass(frozen=True)
-class Arrangement:
+class WindowLayout:
     """How the window stands. size: width and height, screen units; panel, slices: whether they are shown; theme: of
     the panel's THEMES; "": the first.
     """
@@ -190,7 +190,7 @@ class Arrangement:
     theme: str = ""
 
     @classmethod
-    def of(cls, environment: Mapping[str, str]) -> Arrangement:
+    def of(cls, environment: Mapping[str, str]) -> WindowLayout:
         """How the user left the latest window; the default where nothing is remembered or the file is damaged."""
         file = _state_file("window.json", environment)
         stored = _read_json(file) if file is not None else None
@@ -206,7 +206,7 @@ class Arrangement:
     def remember(self, environment: Mapping[str, str]) -> None:
         """Stores it for the next window, where there is a folder for it."""
         file = _state_file("window.json", environment)
-        if file is not None and self != Arrangement.of(environment):
+        if file is not None and self != WindowLayout.of(environment):
             _write(file, asdict(self))
 
 

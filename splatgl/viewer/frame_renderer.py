@@ -18,21 +18,21 @@ from splatgl.geometry.clipping import Plane
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen, ScreenStyle
 from splatgl.planning.culling import FAITHFUL
-from splatgl.planning.plan import Blurred, ResolvedLayer
+from splatgl.planning.plan import MotionBlur, ResolvedLayer
 from splatgl.planning.resolve import has_streaks
 from splatgl.scene.open_scene import print_lines
 from splatgl.splat.motion import Motion
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats, as_points
 from splatgl.viewer import hud
-from splatgl.viewer.adaptive_quality import FULL, Level
+from splatgl.viewer.adaptive_quality import FULL, PreviewLevel
 from splatgl.viewer.clip_tool import outline
 from splatgl.viewer.commands import Command
 from splatgl.viewer.document import Document
-from splatgl.viewer.hud import Frame
+from splatgl.viewer.hud import DisplayedFrame
 from splatgl.viewer.input import help_rows
 from splatgl.viewer.reference_view import Difference, Reference, resize_bilinear
-from splatgl.viewer.state import Cuts, Pinned, State
+from splatgl.viewer.state import ClipState, PinnedView, State
 from splatgl.viewer.trackball import Pose, project
 
 # linear light: splats beyond z_k are blended towards TINT by SHARE; splats at the plane get the colour PLANE
@@ -79,7 +79,7 @@ def plane_section(volume: Volume, camera: Camera, z_k: float) -> np.ndarray:
     if not np.isfinite(z_k):
         return np.zeros((0, 2))
     plane: Plane = (*camera.forward.tolist(), float(camera.forward @ camera.eye) + z_k)
-    return project(camera, outline(Cuts(), volume, plane))
+    return project(camera, outline(ClipState(), volume, plane))
 
 
 # minimum seconds between HUD updates in motion
@@ -109,7 +109,7 @@ class FrameRenderer:
 
     def __init__(self, screen: Screen, renderer: Renderer, commands: tuple[Command, ...]) -> None:
         self.screen, self.renderer, self.commands = screen, renderer, commands
-        self.frame: Frame | None = None
+        self.frame: DisplayedFrame | None = None
         self.pixels = np.zeros((1, 1, 4), np.float32)
         # inputs and pose of the last frame, and the time of its begin
         self.subject: tuple[object, ...] = ()
@@ -132,7 +132,9 @@ class FrameRenderer:
         # settings as opened, whose notes are printed
         self.noted: Settings | None = None
 
-    def draw(self, state: State, document: Document, level: Level, gliding: bool, interrupted: Ask | None) -> Frame:
+    def draw(
+        self, state: State, document: Document, level: PreviewLevel, gliding: bool, interrupted: Ask | None
+    ) -> DisplayedFrame:
         """Renders the splats at a level and keeps the image. Raises InputError as the renderer does.
 
         gliding: the view moves continuously from the last frame, so that motion blur may apply. interrupted: polled
@@ -141,14 +143,16 @@ class FrameRenderer:
         started = time.perf_counter()
         camera = state.pose.camera.resized(level.size(state.pose.camera.size))
         # the classification of the extracted splats
-        requested = state.settings.but(motion=state.blur, classification="auto")
+        requested = state.settings.replace(motion=state.blur, classification="auto")
         first, layered = document.drawn_layers[0], document.is_layered
         resolved = ResolvedLayer.of(first.finest, state.pose.camera, requested).resolved
         # neither the reference nor layers are tinted
         tint = state.show_zk and state.compare == "off" and not layered
         z_k = resolved.z_k
         # the light of reconstructed values is tinted in the picture, before the background
-        settings = level.settings(requested.but(background=None) if tint and first.is_post_classified else requested)
+        settings = level.settings(
+            requested.replace(background=None) if tint and first.is_post_classified else requested
+        )
         # a full frame leaves out what nobody sees where that is as good
         leaves_out = level != FULL or not (resolved.view.antialias or settings.tolerance <= FAITHFUL)
         matter, drawn_with = document.subject_at(level.stride, settings, camera.eye if leaves_out else None)
@@ -156,8 +160,8 @@ class FrameRenderer:
         if tint and not first.is_post_classified:
             matter = splats = tint_splats(splats, camera, z_k)
         motion = self._motion(state, camera, started - self.begun, layered) if gliding else None
-        if motion is not None and Blurred.of(splats, camera, settings, motion, []).moments > MOMENTS:
-            drawn_with = drawn_with.but(moments=MOMENTS)
+        if motion is not None and MotionBlur.of(splats, camera, settings, motion, []).moments > MOMENTS:
+            drawn_with = drawn_with.replace(moments=MOMENTS)
         draw = partial(self.renderer.render, verify_bound=False, interrupted=interrupted)
         render = partial(draw, camera=camera, settings=drawn_with, motion=motion)
         image = render(matter)
@@ -184,10 +188,14 @@ class FrameRenderer:
         beyond = partial(share_beyond, first.sample, state.pose.camera, z_k)
         hidden = len(first.at(level.stride)) - len(splats)
         blurred = "motion" in image.info
-        self.frame = Frame(image.info, seconds, level, image.plan.first, beyond, hidden, blurred, whole=self.whole)
+        self.frame = DisplayedFrame(
+            image.info, seconds, level, image.plan.first, beyond, hidden, blurred, whole=self.whole
+        )
         return self.frame
 
-    def _draw_pinned(self, pinned: Pinned, camera: Camera, level: Level, interrupted: Ask | None) -> np.ndarray:
+    def _draw_pinned(
+        self, pinned: PinnedView, camera: Camera, level: PreviewLevel, interrupted: Ask | None
+    ) -> np.ndarray:
         """Pixels of what is pinned, at a level, without motion blur; an X-ray relative to its brightest."""
         settings = level.settings(pinned.still)
         matter, settings = pinned.document.subject_at(level.stride, settings)

@@ -9,28 +9,28 @@ from itertools import pairwise
 import numpy as np
 
 from splatgl.annotations.annotate import LEAST_SIDE, LiveOverlay, with_time
-from splatgl.annotations.canvas import BLACK, WHITE, Scale, Subject
+from splatgl.annotations.canvas import BLACK, WHITE, AnnotatedSubject, ColorScale
 from splatgl.annotations.text import label, place_label
 from splatgl.data.color import Color
 from splatgl.data.volume import Volume
 from splatgl.geometry.camera import Camera
-from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
+from splatgl.gl.screen import LineColor, ScreenMarks, Sprite, Stroke
 from splatgl.planning.plan import Plan
 from splatgl.scene.meshes import is_mesh
 from splatgl.transfer.statistics import Statistics
 from splatgl.transfer.transfer import Transfer
-from splatgl.viewer.adaptive_quality import FULL, Level
+from splatgl.viewer.adaptive_quality import FULL, PreviewLevel
 from splatgl.viewer.clip_tool import box_edges, handles, lasso_strokes, outline
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import describe_pick, under_cursor
 from splatgl.viewer.reference_view import Difference
 from splatgl.viewer.slice_views import clip_strokes, slice_outlines
-from splatgl.viewer.state import Cuts, Ruler, State
-from splatgl.viewer.trackball import Place, View, project, project_segment
+from splatgl.viewer.state import ClipState, Ruler, State
+from splatgl.viewer.trackball import Place, Viewport, project, project_segment
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class DisplayedFrame:
     """The displayed frame: the renderer's info, seconds, level and plan. beyond: the share of splats beyond z_k.
 
     hidden: number of splats omitted because no view shows them. blurred: whether motion blur was applied.
@@ -40,7 +40,7 @@ class Frame:
 
     info: Mapping[str, object]
     seconds: float
-    level: Level
+    level: PreviewLevel
     plan: Plan
     beyond: Callable[[], float]
     hidden: int
@@ -59,7 +59,7 @@ class Frame:
         return f"{self.level}{', blurred' if self.blurred else ''}"
 
 
-def short_lines(state: State, document: Document, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
+def short_lines(state: State, document: Document, frame: DisplayedFrame | None, busy: str | None) -> tuple[str, ...]:
     """File, view and quality."""
     name = document.volume.name or document.scene.volume
     camera = state.pose.camera
@@ -70,7 +70,7 @@ def short_lines(state: State, document: Document, frame: Frame | None, busy: str
     return (name, *notes, view, busy or progress_text(frame))
 
 
-def full_lines(state: State, document: Document, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
+def full_lines(state: State, document: Document, frame: DisplayedFrame | None, busy: str | None) -> tuple[str, ...]:
     """Device, splats, time, z_k, error bound and plan of the picture."""
     if frame is None or document.is_loading:
         return short_lines(state, document, frame, busy)
@@ -110,7 +110,7 @@ def describe_volume(volume: Volume, stats: Statistics, segments: int) -> str:
     return f"{text} Values: half from {ends[0]} to {ends[1]}{unit}, all from {ends[2]} to {ends[3]}{unit}."
 
 
-def describe_picture(document: Document, frame: Frame | None) -> str:
+def describe_picture(document: Document, frame: DisplayedFrame | None) -> str:
     """Sentences on what the picture shows, how long it took, and how exact it is."""
     if frame is None or document.is_loading:
         return "No picture yet."
@@ -122,7 +122,7 @@ def describe_picture(document: Document, frame: Frame | None) -> str:
     return f"{100 * share:.2g} % of the voxels have an opacity. The picture took {frame.seconds:.2g} s{exact}."
 
 
-def progress_text(frame: Frame | None) -> str:
+def progress_text(frame: DisplayedFrame | None) -> str:
     """Short text on the quality of the frame relative to the settings, and the rate of frames in motion."""
     if frame is None:
         return ""
@@ -133,7 +133,7 @@ def progress_text(frame: Frame | None) -> str:
     return f"moving: {rate}{frame.given_up}"
 
 
-def _splats(document: Document, frame: Frame) -> list[str]:
+def _splats(document: Document, frame: DisplayedFrame) -> list[str]:
     """The visible part of the volume, numbers of drawn and total splats, and why the others are missing."""
     layers, first = document.drawn_layers, document.layers[0]
     kept, total = sum(len(layer.finest) for layer in layers), sum(layer.volume.count for layer in layers)
@@ -157,7 +157,7 @@ def _instead(state: State, document: Document) -> list[str]:
     return [f"{why} takes splats classified before reconstruction: so they are"]
 
 
-def _pace(state: State, frame: Frame, busy: str | None) -> list[str]:
+def _pace(state: State, frame: DisplayedFrame, busy: str | None) -> list[str]:
     rate = f"{frame.seconds * 1e3:.0f} ms"
     work = f", {busy} ..." if busy else ""
     if not frame.full:
@@ -170,7 +170,7 @@ def _pace(state: State, frame: Frame, busy: str | None) -> list[str]:
     return lines
 
 
-def _depths(document: Document, frame: Frame) -> str:
+def _depths(document: Document, frame: DisplayedFrame) -> str:
     z_k, unit = frame.plan.resolved.z_k, document.volume.unit
     if frame.plan.program.seen.perspective:
         return f"z_k = {z_k:.4g}{' ' + unit if unit else ''}, {frame.beyond():.0%} of the splats beyond"
@@ -247,14 +247,14 @@ class Overlays:
         look = transfer, camera, names, background_of(state), state.settings.blend
         key = volume, valued, meshes, state.measures, *look
         if key != self.key:
-            empty, scales = is_mesh(document.scene.volume), Scale.of(meshes)
-            subject = replace(Subject.of(volume, valued), measures=state.measures, scales=scales, empty=empty)
+            empty, scales = is_mesh(document.scene.volume), ColorScale.of(meshes)
+            subject = replace(AnnotatedSubject.of(volume, valued), measures=state.measures, scales=scales, empty=empty)
             self.key, self.latest = key, crop_sprites(self.overlay.draw(subject, *look))
         return self.latest
 
     def marks(
-        self, state: State, document: Document, view: View, cursor: Place | None, slices: Marks, edge: float
-    ) -> Marks:
+        self, state: State, document: Document, view: Viewport, cursor: Place | None, slices: ScreenMarks, edge: float
+    ) -> ScreenMarks:
         """All marks: annotations that end left of `edge`, pixels, from where on the panel lies over the picture;
         handles, ruler, the value under the cursor (None: hidden), and those of slices.
         """
@@ -265,10 +265,10 @@ class Overlays:
         if state.probe and cursor is not None:
             labels += _value_label(state, document, cursor, scale)
         if not slices:
-            return Marks(legend, (*strokes, *lines), tuple(labels))
+            return ScreenMarks(legend, (*strokes, *lines), tuple(labels))
         lines += slice_outlines(state.slices, document.volume, camera, scale)
         visible = clip_strokes((*strokes, *lines), camera.size[0])
-        return Marks((*legend, *slices.sprites), (*visible, *slices.strokes), (*labels, *slices.labels))
+        return ScreenMarks((*legend, *slices.sprites), (*visible, *slices.strokes), (*labels, *slices.labels))
 
 
 def bar_of(state: State, document: Document) -> tuple[Volume, Transfer]:
@@ -295,7 +295,7 @@ def _value_label(state: State, document: Document, cursor: Place, scale: float) 
     return [Sprite(text, place_label(cursor, (text.shape[1], text.shape[0]), size, 1.5 * DOT * scale))]
 
 
-def handle_strokes(cuts: Cuts, volume: Volume, camera: Camera, scale: float) -> list[Stroke]:
+def handle_strokes(cuts: ClipState, volume: Volume, camera: Camera, scale: float) -> list[Stroke]:
     """Lines and handles of the clip box and planes, pixels; none while they are hidden."""
     if not cuts.shown:
         return []
@@ -319,7 +319,7 @@ def handle_strokes(cuts: Cuts, volume: Volume, camera: Camera, scale: float) -> 
     return strokes
 
 
-def plane_color(cuts: Cuts, number: int) -> LineColor:
+def plane_color(cuts: ClipState, number: int) -> LineColor:
     """Colour of a plane and its handles."""
     return PLANES[number % len(PLANES)] if cuts.active else RESTING
 

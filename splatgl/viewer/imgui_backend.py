@@ -14,7 +14,7 @@ from imgui_bundle import imgui, implot
 from splatgl.gl.context import current
 from splatgl.viewer.commands import Command
 from splatgl.viewer.document import Document
-from splatgl.viewer.hud import Frame
+from splatgl.viewer.hud import DisplayedFrame
 from splatgl.viewer.input import CODES
 from splatgl.viewer.panel import Panel
 from splatgl.viewer.state import State
@@ -163,7 +163,7 @@ class Gui:
         for bit, key in MODIFIERS:
             self.io.add_key_event(key, bool(bits & bit))
 
-    def frame(self, state: State, document: Document, frame: Frame | None) -> State:
+    def frame(self, state: State, document: Document, frame: DisplayedFrame | None) -> State:
         """Draws the panel over the window's back buffer; returns the edited state."""
         now = time.perf_counter()
         width, height = self.window.glfw.get_window_size(self.window.handle)

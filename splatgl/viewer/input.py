@@ -20,7 +20,7 @@ from splatgl.viewer.measure_tool import MeasureTool, set_pivot
 from splatgl.viewer.slice_planes import with_slices
 from splatgl.viewer.slice_views import SliceTool
 from splatgl.viewer.state import State
-from splatgl.viewer.trackball import Mouse, MouseEvent, Place, Pointer, Tool, View, up_direction, zoom_by_wheel
+from splatgl.viewer.trackball import Mouse, MouseEvent, Place, Pointer, Tool, Viewport, up_direction, zoom_by_wheel
 
 MODIFIERS = ("ctrl", "alt", "shift")
 # most letters of the keys in a row of the help
@@ -117,7 +117,7 @@ class CameraTool(Tool):
     def __init__(self) -> None:
         self.mouse = Mouse()
 
-    def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def press(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Starts a drag; a double click also moves the pivot, and the slices, to the point under the cursor."""
         before = state
         if self.mouse.doubles(pointer.button, pointer.place, view.time):
@@ -130,19 +130,19 @@ class CameraTool(Tool):
         self.mouse = mouse
         return state
 
-    def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def move(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Moves the view by the drag, and stops the automatic rotation."""
         if self.mouse.drag is None:
             return None
         pose = self.mouse.drag.to(pointer.place)
         return replace(state, pose=pose.resized(state.pose.camera.size), turning=False)
 
-    def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def release(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Ends the drag."""
         self.mouse = self.mouse.release()
         return None
 
-    def wheel(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def wheel(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Zooms at the cursor; upwards zooms in."""
         return replace(state, pose=zoom_by_wheel(state.pose, pointer.place, pointer.notches))
 
@@ -161,7 +161,7 @@ class InputHandler:
         """Whether the view is being dragged."""
         return self.camera.mouse.drag is not None
 
-    def handle(self, event: MouseEvent, pointer: Pointer, state: State, document: Document, view: View) -> State:
+    def handle(self, event: MouseEvent, pointer: Pointer, state: State, document: Document, view: Viewport) -> State:
         """The state after a mouse event, handled by the first tool that takes it; a release is for every tool."""
         self.cursor = pointer.place
         for tool in self.tools:

@@ -24,7 +24,7 @@ NICE = 10
 T = TypeVar("T")
 
 
-class Kind(Enum):
+class JobKind(Enum):
     """Kinds of jobs."""
 
     OPEN = auto()
@@ -37,15 +37,15 @@ class Kind(Enum):
     REFERENCE = auto()
 
 
-class Cancelled(Exception):
+class JobCancelled(Exception):
     """The result of a job is no longer needed."""
 
 
 @dataclass(frozen=True)
-class Done:
+class FinishedJob:
     """A finished job, and its value or the error it raised."""
 
-    kind: Kind
+    kind: JobKind
     value: Any = None
     error: BaseException | None = None
 
@@ -61,13 +61,13 @@ class Jobs:
         self.wake = wake
         self.lock = threading.Lock()
         # jobs by kind and key, the newest last
-        self.waiting: dict[tuple[Kind, str], tuple[str, Callable[[], Any]]] = {}
-        self.running: tuple[Kind, str] | None = None
-        self.done: list[Done] = []
+        self.waiting: dict[tuple[JobKind, str], tuple[str, Callable[[], Any]]] = {}
+        self.running: tuple[JobKind, str] | None = None
+        self.done: list[FinishedJob] = []
         self.thread: threading.Thread | None = None
 
     @property
-    def all(self) -> list[tuple[Kind, str]]:
+    def all(self) -> list[tuple[JobKind, str]]:
         """Kind and name of the running job, then of the waiting jobs in their order."""
         with self.lock:
             waiting = [(kind, name) for (kind, _), (name, _) in self.waiting.items()]
@@ -79,7 +79,7 @@ class Jobs:
         jobs = self.all
         return jobs[-1][1] if jobs else None
 
-    def submit(self, kind: Kind, name: str, work: Callable[[], Any], key: str = "") -> None:
+    def submit(self, kind: JobKind, name: str, work: Callable[[], Any], key: str = "") -> None:
         """Runs `work` after the waiting jobs; a newer job of the same kind and key replaces it before it starts."""
         with self.lock:
             self.waiting.pop((kind, key), None)
@@ -95,7 +95,7 @@ class Jobs:
             thread.join(seconds)
         return self.busy is None
 
-    def collect(self) -> list[Done]:
+    def collect(self) -> list[FinishedJob]:
         """Jobs finished since the last call."""
         with self.lock:
             done, self.done = self.done, []
@@ -111,9 +111,9 @@ class Jobs:
                 name, work = self.waiting.pop((kind, key))
                 self.running = kind, name
             try:
-                done = Done(kind, work())
+                done = FinishedJob(kind, work())
             except BaseException as error:  # the window's thread shows or raises it
-                done = Done(kind, error=error)
+                done = FinishedJob(kind, error=error)
             with self.lock:
                 # at once, so that the job has ended when it is collected
                 self.done.append(done)
@@ -153,15 +153,15 @@ class Extractor:
         quick = [stride for stride in missing if counts[STRIDES.index(stride)] <= QUICK]
         due = missing if resting else quick or missing[: not document.extracted]
         if due:
-            self.jobs.submit(Kind.EXTRACT, "extracting", lambda: self._extract(document, due))
+            self.jobs.submit(JobKind.EXTRACT, "extracting", lambda: self._extract(document, due))
 
     def has_failed(self, document: Document) -> bool:
         """Whether the extraction of a document failed."""
         return _same_layers(self.failed, document)
 
-    def collect(self) -> list[Done]:
+    def collect(self) -> list[FinishedJob]:
         """Finished jobs, without cancelled ones."""
-        return [done for done in self.jobs.collect() if not isinstance(done.error, Cancelled)]
+        return [done for done in self.jobs.collect() if not isinstance(done.error, JobCancelled)]
 
     def _extract(self, document: Document, strides: list[int]) -> None:
         strides = [stride for stride in strides if stride > 1 or not document.exceeds_budget]
@@ -177,7 +177,7 @@ class Extractor:
             def progress(parts: Iterator[T], count: int) -> Iterator[T]:
                 for number, part in enumerate(parts):
                     if not _same_layers(self.wanted, document):
-                        raise Cancelled
+                        raise JobCancelled
                     self.share = begin + (end - begin) * number / max(count, 1)
                     yield part
 

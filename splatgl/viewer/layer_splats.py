@@ -11,7 +11,7 @@ from splatgl.data.affine import World
 from splatgl.data.volume import Volume, halve_volume
 from splatgl.geometry.camera import Bounded
 from splatgl.geometry.scissors import Scissors, cut_volume
-from splatgl.planning.culling import Opaque, eye_is_outside, visible_shell
+from splatgl.planning.culling import OpaqueBounds, eye_is_outside, visible_shell
 from splatgl.planning.resolve import extraction_kind, why_per_splat
 from splatgl.planning.scene import Layer
 from splatgl.scene.scene_file import SceneFile
@@ -106,7 +106,7 @@ class LayerSplats:
         return tuple(counts)
 
     @property
-    def made(self) -> dict[int, Splats]:
+    def by_stride(self) -> dict[int, Splats]:
         """The splats that are extracted, by stride."""
         return self.cache.setdefault((self.kind, False), {})
 
@@ -123,18 +123,18 @@ class LayerSplats:
     @property
     def exceeds_budget(self) -> bool:
         """Whether the finest splats would exceed MOST_KEPT, estimated from stride 2."""
-        return 1 not in self.shells and 2 in self.made and 8 * len(self.made[2]) > MOST_KEPT
+        return 1 not in self.shells and 2 in self.by_stride and 8 * len(self.by_stride[2]) > MOST_KEPT
 
     @property
     def finest(self) -> Splats:
         """The finest splats extracted so far; the coarsest if there are none."""
-        return self.made[min(self.made)] if self.made else self.at(STRIDES[-1])
+        return self.by_stride[min(self.by_stride)] if self.by_stride else self.at(STRIDES[-1])
 
     @property
     def sample(self) -> Splats:
         """The finest extracted splats with at most FEW elements, cheap enough to process every frame."""
-        few = [stride for stride in sorted(self.made) if len(self.made[stride]) <= FEW]
-        return self.made[few[0]] if few else self.at(STRIDES[-1])
+        few = [stride for stride in sorted(self.by_stride) if len(self.by_stride[stride]) <= FEW]
+        return self.by_stride[few[0]] if few else self.at(STRIDES[-1])
 
     def subject(self, fit: str) -> Bounded:
         """The object that the default view of the layer alone is fitted to, as `OpenScene.fitted`."""
@@ -143,8 +143,8 @@ class LayerSplats:
         return self.finest if len(self.finest) else self.volume
 
     @cached_property
-    def _opaque(self) -> Opaque:
-        return Opaque(self.volume, self.look)
+    def _opaque(self) -> OpaqueBounds:
+        return OpaqueBounds(self.volume, self.look)
 
     @cached_property
     def drawn(self) -> Layer:
@@ -163,12 +163,12 @@ class LayerSplats:
         volume = self.volumes[STRIDES.index(stride)]
         if stride > 1 and volume is self.volume:
             return self.at(1, progress)
-        if stride not in self.made:
+        if stride not in self.by_stride:
             how, kernel = self.kind
             # previews drop nearly transparent splats
             how = "post-lean" if how == "post" and stride > 1 else how
-            self.made[stride] = extract(volume, self.look, self.own.threshold, None, progress, how, kernel)
-        return self.made[stride]
+            self.by_stride[stride] = extract(volume, self.look, self.own.threshold, None, progress, how, kernel)
+        return self.by_stride[stride]
 
     def layer_at(self, stride: int) -> Layer:
         """The layer of a scene, with the splats at a stride."""
@@ -252,12 +252,12 @@ class LayerSplats:
         moving: whether the picture is motion-blurred.
         """
         # pre where volume or settings allow nothing else
-        requested = settings.but(classification="auto") if settings.classification == "post" else settings
+        requested = settings.replace(classification="auto") if settings.classification == "post" else settings
         why = why_only_pre(self.volume, self.transfer, self.own.threshold)
         kind = extraction_kind(requested, moving, why, self.volume.count)
         if kind == self.kind:
             # values kept for other transfer functions do not hold here
-            return self.without_splats() if why and self.is_post_classified and self.made else self
+            return self.without_splats() if why and self.is_post_classified and self.by_stride else self
         is_post, entries = kind[0] != "pre", self.cache.copy()
         # what cannot be extracted raises its error on use
         kept = {k: v for k, v in entries.items() if k[0] == kind or (k[0][0] != "pre") != is_post}

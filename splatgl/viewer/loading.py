@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from splatgl.animation.movie import by_numbers, time_points
 from splatgl.data.mesh import Mesh
 from splatgl.data.scenes import SCENES
-from splatgl.errors import Choice, InputError
+from splatgl.errors import InputError, MissingOption
 from splatgl.planning.scene import MOST_LAYERS
 from splatgl.readers import list_volumes
 from splatgl.readers.remote import is_address
@@ -24,7 +24,7 @@ from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document, styled_layers
 from splatgl.viewer.files import Watch, watched_files
-from splatgl.viewer.jobs import Jobs, Kind
+from splatgl.viewer.jobs import JobKind, Jobs
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.state import FileOption, LayerStyle
 
@@ -57,7 +57,7 @@ def _read_first(source: SceneFile, read: Callable[[SceneFile], T]) -> tuple[T, S
     """Returned by `read` for a source that chooses the first of several volumes: the source, and its choices."""
     try:
         return read(source), source, ()
-    except Choice as error:
+    except MissingOption as error:
         values = _values_of(source.volume, error)
         if error.option not in CHOOSING or not values or error.option in source.load:
             raise
@@ -85,7 +85,7 @@ def _other_values(scene: SceneFile, option: str) -> tuple[tuple[str, str], ...]:
     """The values that a reader offers when the option is missing."""
     try:
         volume = SceneFile(scene.volume, {name: value for name, value in scene.load.items() if name != option}).open()
-    except Choice as error:
+    except MissingOption as error:
         return _values_of(scene.volume, error) if error.option == option else ()
     except InputError:
         return ()
@@ -94,7 +94,7 @@ def _other_values(scene: SceneFile, option: str) -> tuple[tuple[str, str], ...]:
     return ()
 
 
-def _values_of(path: str, error: Choice) -> tuple[tuple[str, str], ...]:
+def _values_of(path: str, error: MissingOption) -> tuple[tuple[str, str], ...]:
     """The values that an error offers; for HDF5, datasets that may be volumes."""
     values = tuple((value, words) for value, words in error.choices if "…" not in value)
     return values or (_arrays(path) if error.option == "array" else ())
@@ -111,7 +111,7 @@ Reopen = Callable[[], SceneFile]
 
 
 @dataclass(frozen=True, eq=False)
-class Opened:
+class OpenedFile:
     """A newly opened file. times: the scenes of its time points, or of the files opened with it. options: of the file.
     reopen: reads `path` again; None for the scene that the window was opened for. is_option: whether another array or
     channel of the same file was chosen. note: on samples that are missing. watch: its files as they were before they
@@ -129,7 +129,7 @@ class Opened:
 
 
 @dataclass(frozen=True, eq=False)
-class Added:
+class AddedFiles:
     """Layers and meshes that are added to the document. read: data of the meshes, by `source_key`."""
 
     parts: tuple[tuple[LayerSplats, LayerStyle], ...]
@@ -168,7 +168,7 @@ class Added:
 
 
 @dataclass(frozen=True, eq=False)
-class Left:
+class ReplacedDocument:
     """The document and its edits before another file was opened, which undo restores. files: as of `Files.shown`."""
 
     document: Document
@@ -180,7 +180,7 @@ class Left:
 
 
 # of a file that changed, or with finer voxels, the document; of a series, a time point and its number
-Loaded = Opened | Document | tuple[Document, int]
+Loaded = OpenedFile | Document | tuple[Document, int]
 
 
 # --- files ------------------------------------------------------------------------------------------------------------
@@ -238,7 +238,7 @@ class Files:
             scene = SceneFile.from_toml(Path(path)) if path.endswith(".toml") else SceneFile(path, settings=settings)
             return replace(scene, meshes=(*scene.meshes, *added))
 
-        def read() -> Opened:
+        def read() -> OpenedFile:
             scene = reopen()
             times = tuple(replace(scene, volume=volume) for volume in volumes) if len(volumes) > 1 else ()
             watch = Watch.of(watched_files(path, scene), time.monotonic())
@@ -250,16 +250,16 @@ class Files:
         """Reads volumes and meshes that are added to the document of a scene."""
         meshes = tuple(MeshFile(path) for path in paths if is_mesh(path))
 
-        def read() -> Added:
+        def read() -> AddedFiles:
             open_it = partial(open_layer, scene=scene, is_quiet=False, has_times=True)
             sources = [_read_first(SceneFile(path), open_it)[0] for path in paths if not is_mesh(path)]
             parts = tuple(part for source in sources for part in styled_layers(source, scene.settings))
             for layer, _ in parts:
                 layer.shell(STRIDES[-1])
-            return Added(parts, meshes, read_meshes(meshes))
+            return AddedFiles(parts, meshes, read_meshes(meshes))
 
         name = f"reading {Path(paths[0]).name}"
-        self._read(Kind.ADD, name, read, name)
+        self._read(JobKind.ADD, name, read, name)
 
     def open_option(self, scene: SceneFile, option: str, value: str) -> None:
         """Opens another array or channel of the file of a scene."""
@@ -267,7 +267,7 @@ class Files:
         transfer = {name: entry for name, entry in scene.transfer.items() if name == "preset"}
         chosen = replace(scene, load={**scene.load, option: value}, transfer=transfer)
 
-        def read() -> Opened:
+        def read() -> OpenedFile:
             watch = Watch.of(watched_files(scene.volume, chosen), time.monotonic())
             opened = _opened(chosen)
             return replace(opened, reopen=lambda: chosen, path=scene.volume, is_option=True, watch=watch)
@@ -282,7 +282,7 @@ class Files:
             quiet = scene.volume in {self.times[0].volume, *self.printed}
             self.printed.add(scene.volume)
             work = lambda: (Document.open(scene, quiet), number)  # noqa: E731
-            self._read(Kind.TIME_POINT, f"reading time {number}", work)
+            self._read(JobKind.TIME_POINT, f"reading time {number}", work)
 
     def cancel(self) -> bool:
         """Abandons the running and waiting jobs; returns whether there were any."""
@@ -295,7 +295,7 @@ class Files:
     def refine(self, document: Document) -> None:
         """Reads the finer voxels of a document, if there are any."""
         if document.has_finer and not self.opening:
-            self._read(Kind.REFINE, "reading finer voxels", document.refined)
+            self._read(JobKind.REFINE, "reading finer voxels", document.refined)
 
     def check(self, state: State, now: float) -> State:
         """Reloads the file if it has changed; returns the state with a message while it is missing."""
@@ -306,33 +306,33 @@ class Files:
         self.watch, changed = self.watch.look(now)
         reopen = self.reopen
         if changed and reopen is not None:
-            self._read(Kind.RELOAD, "reading again", partial(_reloaded, reopen, self.times))
+            self._read(JobKind.RELOAD, "reading again", partial(_reloaded, reopen, self.times))
         if self.watch.missing and not was_gone:
             return replace(state, message=f"{self.watch.missing} {GONE}")
         if was_gone and not self.watch.gone and state.message.endswith(GONE):
             return replace(state, message="")
         return state
 
-    def finish(self, kind: Kind) -> None:
+    def finish(self, kind: JobKind) -> None:
         """Notes that a job has ended; the next one may open a file of the same name."""
-        if kind is Kind.OPEN and Kind.OPEN not in dict(self.jobs.all):
+        if kind is JobKind.OPEN and JobKind.OPEN not in dict(self.jobs.all):
             self.opening = ""
 
-    def follow(self, opened: Opened) -> None:
+    def follow(self, opened: OpenedFile) -> None:
         """Watches the newly opened file instead, if watching is on."""
         self.reopen = opened.reopen
         self.watch = opened.watch if self.watch is not None else None
 
-    def _open(self, name: str, work: Callable[[], Opened]) -> None:
+    def _open(self, name: str, work: Callable[[], OpenedFile]) -> None:
         self.opening = name
-        self._read(Kind.OPEN, f"opening {name}", work)
+        self._read(JobKind.OPEN, f"opening {name}", work)
 
-    def _read(self, kind: Kind, name: str, work: Callable[[], Loaded | Added], key: str = "") -> None:
+    def _read(self, kind: JobKind, name: str, work: Callable[[], Loaded | AddedFiles], key: str = "") -> None:
         self.begun = time.monotonic()
         self.jobs.submit(kind, name, work, key)
 
 
-def _opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> Opened:
+def _opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> OpenedFile:
     document, options = open_document(scene)
     # a choice for the file holds for every time point
     scene = replace(scene, load=document.scene.load) if len(document.channels) == 1 else scene
@@ -348,7 +348,7 @@ def _opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> Opened:
         times = tuple(replace(point, look=look).with_transfer(length) for point in times)
         scene = replace(scene, look=look).with_transfer(length)
         document = Document.open(scene, quiet=True) if notes else replace(document, styles=styles)
-    return Opened(document, times if len(times) > 1 else (), options, note=_first_note(document))
+    return OpenedFile(document, times if len(times) > 1 else (), options, note=_first_note(document))
 
 
 def _reloaded(reopen: Reopen, times: tuple[SceneFile, ...]) -> Document:

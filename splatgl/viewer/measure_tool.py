@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatgl.annotations.canvas import Measure, Subject
+from splatgl.annotations.canvas import AnnotatedSubject, Measure
 from splatgl.annotations.world_lines import measure_text
 from splatgl.errors import InputError
 from splatgl.geometry.camera import Camera
@@ -18,7 +18,7 @@ from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document
 from splatgl.viewer.segments import segment_name
 from splatgl.viewer.state import State
-from splatgl.viewer.trackball import Place, Pointer, Tool, View
+from splatgl.viewer.trackball import Place, Pointer, Tool, Viewport
 
 FIRST_POINT = "click on the first point; a drag turns the view"
 CORNER, NEXT_POINT = "click on the corner of the angle", "click on the last point"
@@ -32,7 +32,7 @@ def under_cursor(state: State, document: Document, place: Place) -> Picked | Non
         return None
     scene = document.scene_at(1, state.settings.clip)
     try:
-        return pick(scene, state.pose.camera, pixel, settings=state.settings.but(clip=()))
+        return pick(scene, state.pose.camera, pixel, settings=state.settings.replace(clip=()))
     except InputError:
         return None
 
@@ -70,7 +70,7 @@ def add_ruler_point(state: State, document: Document, place: Place) -> State:
     if ruler.missing > 0:
         return replace(state, ruler=ruler, message=NEXT_POINT if ruler.missing == 1 or not ruler.angle else CORNER)
     measure = Measure(ruler.points)
-    text = f"{'angle' if ruler.angle else 'distance'} {measure_text(measure, Subject.of(document.volume))}"
+    text = f"{'angle' if ruler.angle else 'distance'} {measure_text(measure, AnnotatedSubject.of(document.volume))}"
     state = replace(state, ruler=replace(ruler, points=()), message=text)
     return state.with_measures((*state.measures, measure))
 
@@ -134,12 +134,12 @@ class MeasureTool(Tool):
     def __init__(self) -> None:
         self.pressed: Place | None = None
 
-    def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def press(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Notes where a click begins."""
         self.pressed = pointer.place if pointer.button == "left" and not pointer.modifiers else None
         return None
 
-    def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def release(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Picks a point, if the cursor was not moved meanwhile."""
         if pointer.button != "left":
             return None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from splatgl.animation.animation import FULL_TURN, Timeline
 from splatgl.animation.api import FPS, timeline_of
-from splatgl.animation.camera_track import FIXED, Track, keyframes, turning
+from splatgl.animation.camera_track import FIXED, CameraTrack, keyframes, turning
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.options import non_default
@@ -145,7 +145,7 @@ class Preview:
     """A movie that plays in the window. home: the view before; time: seconds since its begin."""
 
     movie: Movie
-    track: Track
+    track: CameraTrack
     home: Pose
     time: float = 0.0
 
@@ -157,7 +157,7 @@ class Preview:
         movie.check()
         if movie.motion == "keyframes":
             table = {name: value for name, value in movie.table(document, 1).items() if name in TRACK}
-            track: Track = keyframes(table, view, volume, document.subject)
+            track: CameraTrack = keyframes(table, view, volume, document.subject)
         else:
             degrees = -movie.degrees / movie.count if movie.motion == "turntable" else 0.0
             track = turning(view, volume, document.subject, degrees, up_direction(document))

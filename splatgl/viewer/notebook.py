@@ -24,14 +24,14 @@ from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.fileio import call_within
 from splatgl.geometry.camera import Camera
-from splatgl.options import declared, names_of, refuse_unknown
+from splatgl.options import declared, names_of, reject_unknown
 from splatgl.scene.api import TRANSFER
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.transfer.presets import PRESETS
 from splatgl.transfer.statistics import statistics
-from splatgl.viewer.adaptive_quality import FULL, LADDER, REST, TARGET, Level, Moment, Refiner, Wanted
+from splatgl.viewer.adaptive_quality import FULL, LADDER, REST, TARGET, InputTiming, PreviewLevel, Refiner, Wanted
 from splatgl.viewer.document import Document
 from splatgl.viewer.trackball import Mouse, Place, zoom_by_wheel
 
@@ -115,9 +115,9 @@ class Session:
             self._draw(FULL)
         return self.image
 
-    def patience(self) -> float | None:
+    def seconds_until_due(self) -> float | None:
         """Seconds until the next frame is due without further events; None if none is."""
-        return self.refiner.patience(self._wanted(), self._moment)
+        return self.refiner.seconds_until_due(self._wanted(), self._moment)
 
     def now(self) -> float:
         """Monotonic clock in seconds."""
@@ -127,10 +127,10 @@ class Session:
         return self.pose, self.document
 
     @property
-    def _moment(self) -> Moment:
-        return Moment(self.now() - self.touched - (STILL - REST))
+    def _moment(self) -> InputTiming:
+        return InputTiming(self.now() - self.touched - (STILL - REST))
 
-    def _draw(self, level: Level) -> tuple[Wanted, bool]:
+    def _draw(self, level: PreviewLevel) -> tuple[Wanted, bool]:
         """Draws at a level, as `Refiner.step` asks."""
         # finer voxels replace the stand-in of a large volume
         while level == FULL and self.document.has_finer:
@@ -138,7 +138,7 @@ class Session:
             self.refiner.renew(self.document.counts, prod(self.pose.camera.size))
         started = time.perf_counter()
         camera = self.pose.camera.resized(level.size(self.pose.camera.size))
-        settings = level.settings(self.document.scene.settings.but(classification="auto"))
+        settings = level.settings(self.document.scene.settings.replace(classification="auto"))
         subject, settings = self.document.subject_at(level.stride, settings, None if level == FULL else camera.eye)
         with shared_renderer() as renderer:
             self.image = renderer.render(subject, camera, settings, verify_bound=False)
@@ -182,7 +182,7 @@ export default () => {
 )
 
 
-class View(RemoteFrameBuffer):  # type: ignore[misc]
+class NotebookView(RemoteFrameBuffer):  # type: ignore[misc]
     """Left drag rotates, shift or middle drag pans, the wheel and right drag zoom, a double click resets.
 
     While it moves, frames are reduced; once it is still, the full picture is drawn. A saved notebook and pages made of
@@ -237,7 +237,7 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
 
         Raises InputError for options of other kinds, and for bad values.
         """
-        refuse_unknown("options", options, CHANGEABLE)
+        reject_unknown("options", options, CHANGEABLE)
         scene = self.session.scene
         # a preset replaces the whole transfer function
         scene = replace(scene, transfer={}) if "preset" in options else scene
@@ -307,7 +307,7 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
     def get_frame(self) -> np.ndarray | None:
         """The due frame; schedules the next one."""
         frame = self.session.frame()
-        wait = self.session.patience()
+        wait = self.session.seconds_until_due()
         if wait is not None:
             # without an event loop, the caller asks again
             with suppress(RuntimeError):

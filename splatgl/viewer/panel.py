@@ -15,7 +15,7 @@ from splatgl.annotations.text import legible, plain
 from splatgl.errors import USER_ERRORS, error_text
 from splatgl.options import declared
 from splatgl.scene.meshes import is_mesh
-from splatgl.splat.lighting import Light
+from splatgl.splat.lighting import LightModel
 from splatgl.splat.settings import Settings
 from splatgl.transfer.colormaps import CORE
 from splatgl.transfer.statistics import Statistics
@@ -24,15 +24,15 @@ from splatgl.viewer import hud, panel_sections, transfer_editor
 from splatgl.viewer.commands import HIGHEST, Command, CopyText, Question, why_not, with_settings, with_threshold
 from splatgl.viewer.document import Document
 from splatgl.viewer.files import OPEN, SAVE, suffixes
-from splatgl.viewer.hud import Frame
+from splatgl.viewer.hud import DisplayedFrame
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.layers_panel import SegmentList, draw_layers
 from splatgl.viewer.panel_sections import CommandWidgets, draw_record, label_left
-from splatgl.viewer.preset_gallery import EDITED, PresetGallery, Shift, with_gradient
+from splatgl.viewer.preset_gallery import EDITED, PresetGallery, TransferShift, with_gradient
 from splatgl.viewer.saving import check_target
 from splatgl.viewer.state import BLURS, State
 from splatgl.viewer.trackball import PANEL
-from splatgl.viewer.transfer_editor import Curve, RegionEditor
+from splatgl.viewer.transfer_editor import CurveEditor, RegionEditor
 
 # width of the palette in screen units at a content scale of 1, its distance from the top as a share of the height, and
 # the most commands that it lists
@@ -276,7 +276,7 @@ SECTIONS = {**panel_sections.SECTIONS, "Record": draw_record}
 # settings by section: what scientists look for first, then light, then accuracy and the paper's method
 SETTINGS = {
     "Rendering": ("blend", "mip_attenuation", "motion", "tolerance"),
-    "Light": ("shading", "light", *LIGHT_SHARES, *STRENGTHS),
+    "LightModel": ("shading", "light", *LIGHT_SHARES, *STRENGTHS),
 }
 SETTINGS["Advanced"] = tuple(
     name
@@ -302,10 +302,10 @@ class Panel:
 
     def __init__(self, commands: Iterable[Command], has_strip: bool = True) -> None:
         self.has_strip = has_strip
-        self.curve, self.regions, self.segments = Curve(), RegionEditor(), SegmentList()
+        self.curve, self.regions, self.segments = CurveEditor(), RegionEditor(), SegmentList()
         self.browser, self.widgets = Browser(), CommandWidgets(commands)
         self.palette, self.questions = Palette(), Questions()
-        self.gallery, self.shift = PresetGallery(), Shift()
+        self.gallery, self.shift = PresetGallery(), TransferShift()
         # recent files
         self.recent: tuple[str, ...] = ()
         self.place = (0.0, 0.0, 0.0, 0.0)
@@ -315,7 +315,12 @@ class Panel:
         self.takes_moves = self.focusing = False
 
     def draw(
-        self, state: State, document: Document, frame: Frame | None, room: tuple[int, int], docked: bool = False
+        self,
+        state: State,
+        document: Document,
+        frame: DisplayedFrame | None,
+        room: tuple[int, int],
+        docked: bool = False,
     ) -> State:
         """Draws one frame between ImGui's new_frame and render; returns the edited state.
 
@@ -340,7 +345,7 @@ class Panel:
         return state
 
     def _draw(
-        self, state: State, document: Document, frame: Frame | None, room: tuple[int, int], docked: bool
+        self, state: State, document: Document, frame: DisplayedFrame | None, room: tuple[int, int], docked: bool
     ) -> State:
         margin = 0.0 if docked else MARGIN
         wide = min(PANEL * imgui.get_style().font_scale_main, room[0] - 2 * margin)
@@ -510,7 +515,7 @@ def _settings(state: State, document: Document, names: Iterable[str]) -> State:
         imgui.set_item_tooltip(plain(setting.help).replace("--", "") + ".")
         # an open section that changes nothing redraws nothing
         if changed and value is not None:
-            settings = state.settings.but(**{name: value})
+            settings = state.settings.replace(**{name: value})
             why = why_not(settings, state, document) if setting.choices else ""
             state = replace(state if why else with_settings(state, document, settings), message=why)
     return state
@@ -526,7 +531,7 @@ def _slide(name: str, settings: Settings, label: str) -> tuple[bool, float]:
         changed, value = imgui.slider_float(label, now, 0.0, MOST_ATTENUATION, "%.3g", logarithmic)
         return changed, float(f"{max(value, 0.0):.3g}")
     if name in LIGHT_SHARES:
-        now = getattr(Light.of(settings.light, strengths=settings.strengths), name)
+        now = getattr(LightModel.of(settings.light, strengths=settings.strengths), name)
         most = 1.0 - sum(getattr(settings, other) or 0.0 for other in LIGHT_SHARES if other != name)
     changed, value = imgui.slider_float(label, now, 0.0, most, "%.2f")
     return changed, min(max(round(value, 2), 0.0), most)

@@ -13,7 +13,7 @@ from imgui_bundle import imgui
 from numpy.typing import ArrayLike
 
 from splatgl.annotations.annotate import ANNOTATIONS
-from splatgl.annotations.canvas import Subject
+from splatgl.annotations.canvas import AnnotatedSubject
 from splatgl.annotations.text import legible, plain
 from splatgl.annotations.world_lines import measure_text
 from splatgl.data.color import linear_from_srgb, srgb_from_linear, srgb_of_name
@@ -28,7 +28,7 @@ from splatgl.viewer.commands import (
     Effect,
     Open,
     OpenOption,
-    Request,
+    WindowRequest,
     add_plane,
     along,
     name_of,
@@ -39,7 +39,7 @@ from splatgl.viewer.hud import background_of, plane_color
 from splatgl.viewer.movie_track import FORMS, MOTIONS, Movie
 from splatgl.viewer.recorder import Recording
 from splatgl.viewer.slice_planes import STRAIGHT, with_slices
-from splatgl.viewer.state import MOST_PLANES, THEMES, Cuts, State
+from splatgl.viewer.state import MOST_PLANES, THEMES, ClipState, State
 
 # share of the panel's width that labels at the left of widgets take
 LABELS = 0.3
@@ -135,7 +135,7 @@ def draw_files(state: State, document: Document, widgets: CommandWidgets, recent
             widgets.effects.append(Open((path,)))
         imgui.set_item_tooltip(legible(path))
     if recent and imgui.small_button("forget these"):
-        widgets.effects.append(Request.FORGET_RECENT)
+        widgets.effects.append(WindowRequest.FORGET_RECENT)
     return state
 
 
@@ -164,7 +164,7 @@ def draw_clipping(state: State, document: Document, widgets: CommandWidgets) -> 
     return state
 
 
-def _box(cuts: Cuts, volume: Volume) -> Cuts:
+def _box(cuts: ClipState, volume: Volume) -> ClipState:
     """Ends of the sides of the box, in voxels as --crop counts them."""
     for axis, size in enumerate(volume.shape[::-1]):
         low, high = (round(share * size) for share in cuts.sides[axis])
@@ -178,7 +178,7 @@ def _box(cuts: Cuts, volume: Volume) -> Cuts:
     return cuts
 
 
-def _planes(cuts: Cuts, volume: Volume) -> Cuts:
+def _planes(cuts: ClipState, volume: Volume) -> ClipState:
     """Place of each plane along its normal, and buttons that flip and remove it."""
     corners, unit = volume.corners, volume.unit or "units"
     for number, plane in enumerate(cuts.planes):
@@ -306,15 +306,15 @@ def _ground(state: State) -> State:
         label_left("background"), len(GROUNDS) if has_color else GROUNDS.index(state.ground), names
     )
     if changed and chosen < len(GROUNDS):
-        return replace(state, ground=GROUNDS[chosen], settings=state.settings.but(background=None))
+        return replace(state, ground=GROUNDS[chosen], settings=state.settings.replace(background=None))
     if changed:
-        return replace(state, settings=state.settings.but(background=background_of(state)))
+        return replace(state, settings=state.settings.replace(background=background_of(state)))
     if has_color:
         coded = srgb_from_linear(np.array(state.settings.ground))
         changed, color = imgui.color_edit3("colour", list(map(float, coded)))
         if changed:
             linear = linear_from_srgb(np.clip(np.array(color), 0.0, 1.0))
-            return replace(state, settings=state.settings.but(background=tuple(map(float, linear))))
+            return replace(state, settings=state.settings.replace(background=tuple(map(float, linear))))
     return state
 
 
@@ -342,7 +342,7 @@ def draw_measures(state: State, document: Document, widgets: CommandWidgets) -> 
         changed, name = imgui.input_text_with_hint("##name", "name", measure.name)
         measures[number] = replace(measure, name=name) if changed else measure
         imgui.same_line()
-        imgui.text(plain(measure_text(replace(measure, name=""), Subject.of(document.volume))))
+        imgui.text(plain(measure_text(replace(measure, name=""), AnnotatedSubject.of(document.volume))))
         # the button ends with the widgets above
         imgui.same_line(style.window_padding.x + room - imgui.calc_text_size("remove").x - 2 * style.frame_padding.x)
         removed = imgui.button("remove")

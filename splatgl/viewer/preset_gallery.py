@@ -1,5 +1,5 @@
-"""`PresetGallery`: the presets as pictures of the open volume; `Shift`: moves a transfer function along the values.
-Extra `gui`.
+"""`PresetGallery`: the presets as pictures of the open volume; `TransferShift`: moves a transfer function along the
+values. Extra `gui`.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class PresetGallery:
         self.textures = {}
 
 
-class Shift:
+class TransferShift:
     """A slider that moves points and window along the values; at rest it stands at 0. before: the transfer function
     when it was grasped.
     """

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from splatgl.animation.animation import MOVIES, Frames
+from splatgl.animation.animation import MOVIES, FrameFiles
 from splatgl.animation.movie import need
 from splatgl.data.scenes import SCENES
 from splatgl.errors import USER_ERRORS, error_text, expected
@@ -56,7 +56,7 @@ def movie_scene(state: State, document: Document, times: Sequence[SceneFile]) ->
         scene,
         load=load,
         view=view,
-        settings=scene.settings.but(background=background),
+        settings=scene.settings.replace(background=background),
         annotate=annotate,
         animation=movie.table(document, len(times)),
     ), more
@@ -82,7 +82,7 @@ class Recording:
     process: subprocess.Popen[bytes]
     target: Path
     folder: Path
-    frames: Frames
+    frames: FrameFiles
     count: int
     drawn: int = 0
     first: float = 0.0
@@ -134,7 +134,7 @@ class Recorder:
         count = table["frames"] if "frames" in table else table["keyframe"][-1]["frame"] + 1
         if hasattr(os, "setpriority"):
             os.setpriority(os.PRIO_PROCESS, process.pid, NICE)
-        self.running = Recording(process, target, folder, Frames.at(str(output), ""), count)
+        self.running = Recording(process, target, folder, FrameFiles.at(str(output), ""), count)
 
     def look(self) -> tuple[bool, str]:
         """Whether there is more to tell than before, and the message of a movie that has ended."""

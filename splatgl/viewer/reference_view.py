@@ -21,7 +21,7 @@ from splatgl.splat.kernels import BUILT_IN, KERNELS
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.viewer.document import Document
-from splatgl.viewer.jobs import NICE, Cancelled, Jobs, Kind
+from splatgl.viewer.jobs import NICE, JobCancelled, JobKind, Jobs
 
 # most splats of a reference: more take minutes and gigabytes
 MOST = 2_000_000
@@ -80,7 +80,7 @@ class Reference:
             self.note = f"no reference: {count:,} splats would take minutes; raise the threshold"
             return
         self.note = "the float64 reference is being drawn ..."
-        self.jobs.submit(Kind.REFERENCE, "reference", lambda: (wanted, self._draw(wanted)))
+        self.jobs.submit(JobKind.REFERENCE, "reference", lambda: (wanted, self._draw(wanted)))
 
     def forget(self) -> None:
         """Drops the reference, and ends the process that draws it."""
@@ -95,7 +95,7 @@ class Reference:
         for done in news:
             if isinstance(done.error, USER_ERRORS):
                 self.note = f"no reference: {error_text(done.error)}"
-            elif done.error is not None and not isinstance(done.error, Cancelled):
+            elif done.error is not None and not isinstance(done.error, JobCancelled):
                 raise done.error
             if done.error is None and done.value[0] is self.wanted:
                 self.image, self.note = done.value[1], ""
@@ -110,11 +110,11 @@ class Reference:
             try:
                 # it may have been dropped before there was a process
                 if wanted is not self.wanted:
-                    raise Cancelled
+                    raise JobCancelled
                 return self._await(process, wanted)
             except (EOFError, OSError) as error:
                 if wanted is not self.wanted:
-                    raise Cancelled from error
+                    raise JobCancelled from error
                 raise InputError(f"the process that draws it ended with {process.wait()}") from error
             finally:
                 self.process = None
@@ -133,7 +133,7 @@ class Reference:
             if isinstance(news, BaseException):
                 raise news
             if wanted is not self.wanted:
-                raise Cancelled
+                raise JobCancelled
             self.note = f"the float64 reference is being drawn: {news:.0%}"
             self.jobs.wake()
         return news

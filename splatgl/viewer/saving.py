@@ -103,7 +103,7 @@ def scene_of(state: State, document: Document, on_paper: bool = True) -> SceneFi
     settings = state.settings if state.blur == "off" else state.moving
     shown = document.with_styles(state.styles, state.mesh_files, settings)
     if settings.classification == "post" and not shown.layers[0].is_post_classified:
-        settings = settings.but(classification="pre")
+        settings = settings.replace(classification="pre")
     first_scene, *others = [_layer_scene(layer, style) for layer, style in _whole_layers(shown)]
     meshes = tuple(file for file in state.mesh_files if file != MeshFile(document.scene.volume))
     given = document.scene.view

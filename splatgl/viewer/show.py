@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from splatgl.geometry.camera import Camera
     from splatgl.keywords import RenderKeywords
     from splatgl.viewer.loading import Files, Reopen
-    from splatgl.viewer.notebook import View
+    from splatgl.viewer.notebook import NotebookView
     from splatgl.viewer.viewer import Options
 
 
@@ -41,7 +41,7 @@ def show(
     camera: Camera | OptionGroup | Any | None = None,
     settings: Settings | OptionGroup | Any | None = None,
     **options: Unpack[RenderKeywords],
-) -> View | Image | None:
+) -> NotebookView | Image | None:
     """Shows `x`; the arguments are those of `render`.
 
     In a notebook it returns what the cell displays: a view that the mouse turns (extra `notebook`), or the Image.
@@ -59,9 +59,9 @@ def show(
     scene, memory = scene_of(x, look, view, base, given), DrawOptions(memory=given.get("memory")).memory
     if isinstance(scene, SceneFile):
         if in_notebook() and find_spec("jupyter_rfb"):
-            from splatgl.viewer.notebook import Session, View
+            from splatgl.viewer.notebook import NotebookView, Session
 
-            return View(Session(scene, memory))
+            return NotebookView(Session(scene, memory))
         if in_notebook():
             print('for a view that the mouse turns: pip install "splatgl[notebook]"')
         elif has_display():

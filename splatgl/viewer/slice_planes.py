@@ -12,11 +12,11 @@ import numpy as np
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Triple, Volume
 from splatgl.geometry.slices import (
-    Painted,
-    Painter,
     Slice,
+    SliceLayer,
+    SlicePainter,
     SlicePlane,
-    Where,
+    SlicePosition,
     grid_normals,
     parse_slices,
     plane_through,
@@ -86,7 +86,7 @@ def texts(slices: Slices, volume: Volume) -> tuple[str, ...]:
 
 def slices_of(slices: Slices, given: Sequence[str], volume: Volume) -> Slices:
     """The slices that have these texts, which then follow them; else as they are."""
-    wheres = [Where.of(Slice(text).place) for text in given]
+    wheres = [SlicePosition.of(Slice(text).place) for text in given]
     if [where.name for where in wheres] == [*"xyz"]:
         index = [where.numbers[0] if len(where.numbers) == 1 else None for where in wheres]
         made = slices if None in index else slices.at([float(place or 0.0) for place in index], volume)
@@ -123,7 +123,7 @@ def with_slices(state: State, slices: Slices, volume: Volume) -> State:
 
 
 @lru_cache(maxsize=1)
-def slice_meshes(looks: tuple[Painted, ...], slice_planes: tuple[str, ...]) -> tuple[Mesh, ...]:
+def slice_meshes(looks: tuple[SliceLayer, ...], slice_planes: tuple[str, ...]) -> tuple[Mesh, ...]:
     """The planes in space of layers, as `splatgl render` draws them; the latest are cached."""
     if not slice_planes:
         return ()
@@ -137,7 +137,7 @@ def shares(index: np.ndarray, volume: Volume) -> Triple:
     return x, y, z
 
 
-def layer_looks(pool: Mapping[int, LayerSplats], styles: Sequence[LayerStyle]) -> tuple[Painted, ...]:
+def layer_looks(pool: Mapping[int, LayerSplats], styles: Sequence[LayerStyle]) -> tuple[SliceLayer, ...]:
     """Returns the layers that slices show: those in visible styles with voxels; the first if there are none. pool:
     layers by the numbers that styles name.
     """
@@ -147,11 +147,11 @@ def layer_looks(pool: Mapping[int, LayerSplats], styles: Sequence[LayerStyle]) -
         for layer, style in pairs
         if style.is_shown and layer.volume.points is None and not is_mesh(layer.scene.volume)
     ]
-    return tuple(Painted(layer.volume, style.stated, style.opacity) for layer, style in seen or pairs[:1])
+    return tuple(SliceLayer(layer.volume, style.stated, style.opacity) for layer, style in seen or pairs[:1])
 
 
 @lru_cache(maxsize=2)
-def layer_painter(layers: tuple[Painted, ...], colored: bool, only: bool = False) -> Painter:
+def layer_painter(layers: tuple[SliceLayer, ...], colored: bool, only: bool = False) -> SlicePainter:
     """The painter of slices of layers, as of `splatgl render --slice`. colored: else the first is grey, by its window,
     unless it has segments or the layers add up. only: whether it is the scene's first layer alone, by its own window.
     """
@@ -160,4 +160,4 @@ def layer_painter(layers: tuple[Painted, ...], colored: bool, only: bool = False
     first, adds = layers[0], not only and all(layer.glows for layer in layers)
     if not (colored or first.nearest or adds):
         layers = first._replace(transfer=replace(first.transfer, colormap="gray")), *layers[1:]
-    return Painter(layers)
+    return SlicePainter(layers)

@@ -15,9 +15,9 @@ from splatgl.annotations.world_lines import letters
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.geometry.camera import Camera
-from splatgl.geometry.slices import ANATOMY, Painter, SlicePlane, world_axes
-from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
-from splatgl.viewer.jobs import Jobs, Kind
+from splatgl.geometry.slices import ANATOMY, SlicePainter, SlicePlane, world_axes
+from splatgl.gl.screen import LineColor, ScreenMarks, Sprite, Stroke
+from splatgl.viewer.jobs import JobKind, Jobs
 from splatgl.viewer.segments import segment_name
 from splatgl.viewer.slice_planes import (
     STRAIGHT,
@@ -32,7 +32,7 @@ from splatgl.viewer.slice_planes import (
     with_turn,
 )
 from splatgl.viewer.state import Slices
-from splatgl.viewer.trackball import Place, Pointer, Tool, View, project_segment
+from splatgl.viewer.trackball import Place, Pointer, Tool, Viewport, project_segment
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document
@@ -68,7 +68,7 @@ class Pane:
         low, high = self.plane.box
         return float((high[0] - low[0]) / (self.box[2] - self.box[0]))
 
-    def pixels(self, painter: Painter) -> np.ndarray:
+    def pixels(self, painter: SlicePainter) -> np.ndarray:
         """Pixels uint8 [H, W, 4] of the slice, clear beside the volumes: the voxels of the only layer, at most about
         two per pixel along each side, if the plane contains their middles; else the window's pixels.
         """
@@ -161,16 +161,16 @@ class SliceTool(Tool):
         # of the drag that turns the others about a pane's normal: the pane, and angle and rotation before it
         self.turning: tuple[Pane, float, Turn] | None = None
 
-    def panes(self, state: State, document: Document, view: View) -> tuple[Pane, ...]:
+    def panes(self, state: State, document: Document, view: Viewport) -> tuple[Pane, ...]:
         """The visible slices."""
         if not state.slices.shown or document.is_loading:
             return ()
         return panes(state.slices, document.volume, slice_up(document), view.size, view.scale)
 
-    def _pane(self, state: State, document: Document, view: View, place: Place) -> Pane | None:
+    def _pane(self, state: State, document: Document, view: Viewport, place: Place) -> Pane | None:
         return next((pane for pane in self.panes(state, document, view) if pane.holds(place)), None)
 
-    def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def press(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Moves the other two slices to the cursor; takes a dot that turns them."""
         pane = self._pane(state, document, view, pointer.place)
         if pane is None or pointer.button != "left":
@@ -182,7 +182,7 @@ class SliceTool(Tool):
         self.dragged = pane.axis
         return _link_slices(state, document, pane, pointer.place)
 
-    def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def move(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Drags the other two slices, or turns them."""
         if self.turning is not None:
             # whatever the path of the cursor
@@ -194,12 +194,12 @@ class SliceTool(Tool):
         found = next((pane for pane in self.panes(state, document, view) if pane.axis == self.dragged), None)
         return state if found is None else _link_slices(state, document, found, pointer.place)
 
-    def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def release(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Ends the drag."""
         self.dragged = self.turning = None
         return None
 
-    def wheel(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def wheel(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """Moves the slice under the cursor by voxels."""
         pane = self._pane(state, document, view, pointer.place)
         if pane is None or not pointer.notches:
@@ -223,13 +223,13 @@ class SliceTool(Tool):
             self.waiting.clear()
         return notes if results else None
 
-    def marks(self, state: State, document: Document, view: View) -> Marks:
+    def marks(self, state: State, document: Document, view: Viewport) -> ScreenMarks:
         """The slices with their lines and letters; nothing while they are hidden."""
         visible = self.panes(state, document, view)
         if not visible:
             self.drawn.clear()
             self.failed.clear()
-            return Marks()
+            return ScreenMarks()
         scale, volume = view.scale, document.volume
         left = visible[0].room[0]
         sprites = [Sprite(BACKGROUND, (left, 0.0, float(view.size[0]), float(view.size[1])))]
@@ -248,9 +248,9 @@ class SliceTool(Tool):
             corner = left + GAP * scale, view.size[1] - GAP * scale
             shown_values = _label_at(values, corner, (0.0, 1.0), scale)
             labels = [*(_beside(letter, shown_values, GAP * scale) for letter in labels), shown_values]
-        return Marks(tuple(sprites), tuple(strokes), tuple(labels))
+        return ScreenMarks(tuple(sprites), tuple(strokes), tuple(labels))
 
-    def complete_marks(self, state: State, document: Document, view: View) -> Marks:
+    def complete_marks(self, state: State, document: Document, view: Viewport) -> ScreenMarks:
         """The marks once all slices are read. Raises InputError for slices that cannot be read within LONGEST."""
         marks, end = self.marks(state, document, view), time.monotonic() + LONGEST
         while self.waiting and self.jobs.wait(max(end - time.monotonic(), 0.0)):
@@ -262,7 +262,7 @@ class SliceTool(Tool):
             raise InputError(f"{why}; hide the slices to save the picture alone")
         return marks
 
-    def _pixels(self, pane: Pane, slices: Slices, painter: Painter, volume: Volume) -> np.ndarray | None:
+    def _pixels(self, pane: Pane, slices: Slices, painter: SlicePainter, volume: Volume) -> np.ndarray | None:
         """Pixels of a slice of all visible layers; where samples are read in parts, or planes of several layers are
         large, the previous ones until a thread has made them.
         """
@@ -278,12 +278,12 @@ class SliceTool(Tool):
             return None
         elif not self.waiting:
             self.waiting[pane.axis] = key
-            self.jobs.submit(Kind.SLICE, "reading a slice", lambda: (pane.axis, key, pane.pixels(painter)))
+            self.jobs.submit(JobKind.SLICE, "reading a slice", lambda: (pane.axis, key, pane.pixels(painter)))
         latest = self.drawn.get(pane.axis)
         return None if latest is None else latest[1]
 
 
-def _are_quick(painter: Painter) -> bool:
+def _are_quick(painter: SlicePainter) -> bool:
     """Whether a slice takes no longer than a frame."""
     volumes = [layer.volume for layer in painter.layers]
     is_small = len(volumes) < 2 or all(each.count / min(each.shape) <= QUICK for each in volumes)

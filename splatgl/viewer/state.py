@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.annotations.annotate import default_names
-from splatgl.annotations.canvas import Measure, Subject
+from splatgl.annotations.canvas import AnnotatedSubject, Measure
 from splatgl.data.volume import Triple, Volume
 from splatgl.geometry.clipping import MOST_CLIPS, Plane, check_planes, index_plane
 from splatgl.geometry.scissors import Scissors
@@ -55,7 +55,7 @@ Sides = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
-class Cuts:
+class ClipState:
     """Clip box and clip planes. sides: of the box, as shares of the volume's along x, y and z. planes: (n_x, n_y, n_z,
     d), world units, which keep n · x ≥ d. active: whether they clip. shown: whether their handles are visible.
     """
@@ -66,7 +66,7 @@ class Cuts:
     shown: bool = False
 
     @classmethod
-    def of(cls, clip: Sequence[Plane], volume: Volume) -> Cuts:
+    def from_planes(cls, clip: Sequence[Plane], volume: Volume) -> ClipState:
         """The cuts of planes; planes along a side of the volume's box become its box."""
         sides, others = [list(side) for side in WHOLE], []
         for plane in clip:
@@ -89,18 +89,18 @@ class Cuts:
         """The planes for `Settings.clip`; none while the cuts are inactive."""
         return check_planes([*self.planes, *box_planes(self.sides, volume)]) if self.active else ()
 
-    def with_side(self, axis: int, end: int, share: float) -> Cuts:
+    def with_side(self, axis: int, end: int, share: float) -> ClipState:
         """The cuts with one side of the box moved; the box keeps at least LEAST."""
         low, high = self.sides[axis]
         side = (low, max(min(share, 1.0), low + LEAST)) if end else (min(max(share, 0.0), high - LEAST), high)
         return replace(self, sides=(*self.sides[:axis], side, *self.sides[axis + 1 :]))
 
-    def with_plane(self, number: int, plane: Sequence[float]) -> Cuts:
+    def with_plane(self, number: int, plane: Sequence[float]) -> ClipState:
         """The cuts with one plane changed; the number after the last adds one."""
         (unit,) = check_planes([tuple(map(float, plane))])
         return replace(self, planes=(*self.planes[:number], unit, *self.planes[number + 1 :]))
 
-    def without(self, number: int) -> Cuts:
+    def without(self, number: int) -> ClipState:
         """The cuts without a plane."""
         return replace(self, planes=(*self.planes[:number], *self.planes[number + 1 :]))
 
@@ -263,7 +263,7 @@ BLURS: tuple[Motions, ...] = ("off", "moments", *MOTIONS)
 
 
 @dataclass(frozen=True, eq=False)
-class Pinned:
+class PinnedView:
     """A document, and the settings that it is drawn with, which stay beside what is edited."""
 
     document: Document
@@ -272,7 +272,7 @@ class Pinned:
     @property
     def still(self) -> Settings:
         """The settings of its sharp picture."""
-        return self.settings.but(motion="off", classification="auto")
+        return self.settings.replace(motion="off", classification="auto")
 
     @property
     def name(self) -> str:
@@ -299,7 +299,7 @@ class State:
     styles: tuple[LayerStyle, ...]
     selected: int = 0
     mesh_files: tuple[MeshFile, ...] = ()
-    cuts: Cuts = field(default_factory=Cuts)
+    cuts: ClipState = field(default_factory=ClipState)
     annotate: tuple[str, ...] = ()
     turning: bool = False
     blur: Motions = "off"
@@ -323,7 +323,7 @@ class State:
     slices: Slices = field(default_factory=Slices)
     file_options: tuple[FileOption, ...] = ()
     theme: str = THEMES[0]
-    pinned: Pinned | None = None
+    pinned: PinnedView | None = None
     movie: Movie = field(default_factory=Movie)
     measures: tuple[Measure, ...] = ()
     slice_planes: tuple[str, ...] = ()
@@ -338,8 +338,8 @@ class State:
             scene.settings,
             document.styles,
             mesh_files=document.mesh_files,
-            cuts=Cuts.of(scene.settings.clip, volume),
-            annotate=scene.annotate or default_names(Subject.of(volume)),
+            cuts=ClipState.from_planes(scene.settings.clip, volume),
+            annotate=scene.annotate or default_names(AnnotatedSubject.of(volume)),
             slices=slices_of(Slices(), scene.slice_planes, volume),
             slice_planes=scene.slice_planes,
             movie=Movie.of(scene.animation, volume),
@@ -352,14 +352,14 @@ class State:
         return self.turning or self.preview is not None
 
     @property
-    def beside(self) -> Pinned | None:
+    def beside(self) -> PinnedView | None:
         """Returns the pinned document, unless the reference takes its place."""
         return self.pinned if self.compare == "off" else None
 
     @property
     def moving(self) -> Settings:
         """The settings while the view turns."""
-        return self.settings.but(motion=self.blur)
+        return self.settings.replace(motion=self.blur)
 
     @property
     def style(self) -> LayerStyle:

@@ -17,7 +17,7 @@ from splatgl.gl.renderer import Renderer
 from splatgl.planning.scene import Scene
 from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.settings import Settings
-from splatgl.transfer.statistics import without_far_values
+from splatgl.transfer.statistics import without_outlier_values
 from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.adaptive_quality import LENIENT
 
@@ -85,7 +85,7 @@ def reduce_volume(volume: Volume) -> Volume | None:
     small = min((volume, *volume.coarser), key=lambda level: (level.count > MOST_READ, -level.count))
     if small.count > MOST_READ:
         return None
-    small = without_far_values(replace(small, coarser=(), samples=np.asarray(small.samples[:])))
+    small = without_outlier_values(replace(small, coarser=(), samples=np.asarray(small.samples[:])))
     while small.count > MOST_VOXELS:
         small = halve_volume(small)
     return small

@@ -35,13 +35,13 @@ def docked_width(window: tuple[int, int], scale: float) -> int:
     return round(PANEL * scale) if window[0] >= (PANEL + BESIDE) * scale else 0
 
 
-def is_roomy(window: tuple[int, int], scale: float) -> bool:
+def fits_panel(window: tuple[int, int], scale: float) -> bool:
     """Whether a window opens with its panel; in narrower ones the panel is opened when it is wanted."""
     return window[0] >= ROOMY * scale
 
 
 @dataclass(frozen=True)
-class View:
+class Viewport:
     """A window without its docked panel. size: pixels, at least 1; scale: of its text; time: monotonic, in seconds."""
 
     size: tuple[int, int]
@@ -64,19 +64,19 @@ class Pointer:
 class Tool(Protocol):
     """Handles mouse events. Each method returns the new state, or None to leave the event to the next tool."""
 
-    def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def press(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """A button is pressed."""
         return None
 
-    def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def move(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """The cursor moves."""
         return None
 
-    def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def release(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """A button is released; every tool gets this event, whatever the others return."""
         return None
 
-    def wheel(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+    def wheel(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
         """The wheel turns."""
         return None
 

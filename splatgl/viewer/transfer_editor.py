@@ -186,13 +186,13 @@ STEPS = 300
 ENDS = (0.0, 99.95)
 
 
-def rise(opacity: ArrayLike) -> np.ndarray:
+def axis_from_opacity(opacity: ArrayLike) -> np.ndarray:
     """Opacity to height as a fraction of the axis: linear near zero, logarithmic above FINE."""
     return np.asarray(np.arcsinh(np.asarray(opacity, np.float64) / FINE) / np.arcsinh(1.0 / FINE))
 
 
-def fall(height: float) -> float:
-    """Inverse of `rise`: height fraction to opacity; 0 and 1 are exact."""
+def opacity_from_axis(height: float) -> float:
+    """Inverse of `axis_from_opacity`: height fraction to opacity; 0 and 1 are exact."""
     return float(np.clip(np.sinh(height * np.arcsinh(1.0 / FINE)) * FINE, 0.0, 1.0)) if height < 1.0 else 1.0
 
 
@@ -205,7 +205,7 @@ def line(transfer: Transfer, low: float, high: float) -> tuple[np.ndarray, np.nd
     values, opacities = np.concatenate(pieces).T
     if transfer.logarithmic:
         opacities = transfer.opacity(values)
-    return np.ascontiguousarray(values), rise(opacities)
+    return np.ascontiguousarray(values), axis_from_opacity(opacities)
 
 
 def value_range(stats: Statistics) -> tuple[float, float]:
@@ -239,7 +239,7 @@ HISTOGRAM, LINE, NODE = (0.5, 0.5, 0.55, 0.6), (0.95, 0.6, 0.15, 1.0), (1.0, 0.7
 HINT = "drag a point; double click for a new one; right click or ctrl+click removes; the wheel zooms, a drag moves"
 
 
-class Curve:
+class CurveEditor:
     """Draws the plot and holds its range of values and its histogram."""
 
     def __init__(self) -> None:
@@ -250,7 +250,7 @@ class Curve:
         self.bars = (np.zeros(2), np.zeros(1))
         # whether to show the whole range in the next frame
         self.fits = True
-        self.held: int | None = None
+        self.dragged: int | None = None
         self.strip = ColorStrip()
         # number of the point whose fields are shown
         self.point = 0
@@ -312,7 +312,7 @@ class Curve:
         self.fits = False
         implot.setup_axis_limits(implot.ImAxis_.x1, *self.range, kind)
         implot.setup_axis_limits(implot.ImAxis_.y1, *ROOM, implot.Cond_.always)
-        ticks = [float(each) for each in rise(TICKS)]
+        ticks = [float(each) for each in axis_from_opacity(TICKS)]
         implot.setup_axis_ticks(implot.ImAxis_.y1, ticks, [f"{each:g}" for each in TICKS])
         implot.setup_finish()
 
@@ -327,19 +327,19 @@ class Curve:
     def _points(self, points: Nodes, scale: float) -> Nodes:
         """The nodes after mouse input."""
         at, ctrl = implot.get_plot_mouse_pos(), imgui.get_io().key_ctrl
-        pointed, held = None, None
+        pointed, dragged = None, None
         low, high = self.range
         for number, (value, opacity) in enumerate(points):
             # points outside the axis cannot be dragged
-            if not low <= value <= high and number != self.held:
+            if not low <= value <= high and number != self.dragged:
                 continue
-            options = number, value, float(rise(opacity)), NODE, POINT * scale, 0, False, False, False
+            options = number, value, float(axis_from_opacity(opacity)), NODE, POINT * scale, 0, False, False, False
             moved, x, y, _, over, down = implot.drag_point(*options)
-            pointed, held = (number if over else pointed), (number if down and not ctrl else held)
+            pointed, dragged = (number if over else pointed), (number if down and not ctrl else dragged)
             if moved and not ctrl:
-                points = move_point(points, number, x, fall(y))
-        self.held = held
-        self.point = self.point if held is None else held
+                points = move_point(points, number, x, opacity_from_axis(y))
+        self.dragged = dragged
+        self.point = self.point if dragged is None else dragged
         hovered = implot.is_plot_hovered() or pointed is not None
         removes = imgui.is_mouse_clicked(imgui.MouseButton_.right) or (
             ctrl and imgui.is_mouse_clicked(imgui.MouseButton_.left)
@@ -347,12 +347,12 @@ class Curve:
         if removes and pointed is not None:
             return remove_point(points, pointed)
         if hovered and pointed is None and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
-            return add_point(points, at.x, fall(at.y))[0]
-        shown = held if held is not None else pointed
+            return add_point(points, at.x, opacity_from_axis(at.y))[0]
+        shown = dragged if dragged is not None else pointed
         if shown is not None:
             imgui.set_tooltip(f"{points[shown][0]:.5g}: {points[shown][1]:.4g}")
         elif hovered:
-            imgui.set_tooltip(f"{at.x:.4g}: {fall(at.y):.3g}\n{HINT}")
+            imgui.set_tooltip(f"{at.x:.4g}: {opacity_from_axis(at.y):.3g}\n{HINT}")
         return points
 
     def _fields(self, points: Nodes) -> Nodes:
@@ -374,10 +374,12 @@ class Curve:
         imgui.set_item_tooltip("Value of this point: drag, or ctrl+click.")
         imgui.same_line(0.0, gap)
         imgui.set_next_item_width(wide)
-        raised, height = imgui.drag_float("##height", float(rise(opacity)), 1 / STEPS, 0.0, 1.0, f"{opacity:.3g}")
+        raised, height = imgui.drag_float(
+            "##height", float(axis_from_opacity(opacity)), 1 / STEPS, 0.0, 1.0, f"{opacity:.3g}"
+        )
         imgui.set_item_tooltip("Opacity of this point: drag.")
         if moved or raised:
-            points = move_point(points, self.point, value, fall(height) if raised else opacity)
+            points = move_point(points, self.point, value, opacity_from_axis(height) if raised else opacity)
         return self._number(points, gap)
 
     def _number(self, points: Nodes, gap: float) -> Nodes:

@@ -19,7 +19,7 @@ from splatgl.data.image import Image
 from splatgl.errors import USER_ERRORS, error_text, missing_extra
 from splatgl.fileio import budget
 from splatgl.gl.renderer import Renderer
-from splatgl.gl.screen import Marks, Screen
+from splatgl.gl.screen import Screen, ScreenMarks
 from splatgl.gl.target import Interrupted
 from splatgl.scene.meshes import is_mesh
 from splatgl.viewer import commands
@@ -29,7 +29,7 @@ from splatgl.viewer.adaptive_quality import (
     STEP,
     TARGET,
     IdleTrim,
-    Moment,
+    InputTiming,
     Refiner,
     Wanted,
     return_large_blocks,
@@ -40,22 +40,22 @@ from splatgl.viewer.commands import (
     Copy,
     CopyText,
     Effect,
-    Leave,
+    LeaveDocument,
     Open,
     OpenOption,
     Question,
-    Request,
+    WindowRequest,
     ask_for_files,
     ask_to_leave,
     tell_error,
 )
 from splatgl.viewer.document import Document
-from splatgl.viewer.files import ADD, OPEN, SAVE, Arrangement, Dialogs, Recent
+from splatgl.viewer.files import ADD, OPEN, SAVE, Dialogs, Recent, WindowLayout
 from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.hud import Overlays, progress_text
 from splatgl.viewer.input import InputHandler
-from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
-from splatgl.viewer.loading import Files, Left, Loaded, Opened
+from splatgl.viewer.jobs import Extractor, FinishedJob, JobKind, Jobs
+from splatgl.viewer.loading import Files, Loaded, OpenedFile, ReplacedDocument
 from splatgl.viewer.movie_track import stop_preview
 from splatgl.viewer.recorder import Recorder, movie_command, movie_scene
 from splatgl.viewer.reference_view import Reference
@@ -71,7 +71,7 @@ from splatgl.viewer.saving import (
 )
 from splatgl.viewer.slice_views import SliceTool, column_width
 from splatgl.viewer.state import THEMES, History, State, changed_fields, played, stated_transfers
-from splatgl.viewer.trackball import MouseEvent, Pointer, View, docked_width, is_roomy, up_direction
+from splatgl.viewer.trackball import MouseEvent, Pointer, Viewport, docked_width, fits_panel, up_direction
 from splatgl.viewer.window import Window
 
 # screen units of the first window
@@ -79,7 +79,7 @@ SIZE = (1024, 768)
 OTHER = "the picture before"
 # topics of messages, which are cleared once the topic is over
 OPENING, READING, EXTRACTING, PICTURE, COUNT = "opening", "reading", "extracting", "picture", "count"
-TOPICS = {Kind.OPEN: OPENING, Kind.EXTRACT: EXTRACTING}
+TOPICS = {JobKind.OPEN: OPENING, JobKind.EXTRACT: EXTRACTING}
 UNSAVED = "edits are not saved: shift+s saves the scene; quit again to leave without"
 CHANGED = "the scene file has changed: ctrl+z brings the edits back"
 RECORDING = "a movie is recorded; quit again to cancel it"
@@ -133,7 +133,7 @@ class Viewer:
         self.inputs, self.touched = 0, self.now()
         self.closed, self.dirty = False, 1
         self.failed: BaseException | None = None
-        arrangement = Arrangement.of(os.environ)
+        arrangement = WindowLayout.of(os.environ)
         size = self.options.size or arrangement.size or SIZE
         self.screen = Screen(size, "splatgl")
         try:
@@ -152,7 +152,7 @@ class Viewer:
             # the next document, whose coarsest splats are being extracted
             self.coming: Document | None = None
             if self.options.panel and find_spec("imgui_bundle"):
-                is_open = arrangement.panel and is_roomy(self.window.size, self.window.scale)
+                is_open = arrangement.panel and fits_panel(self.window.size, self.window.scale)
                 self.state = replace(self.state, panel=is_open)
                 self.open_panel()
         except BaseException:
@@ -161,8 +161,8 @@ class Viewer:
         self.history = History(self.state)
         self.recent, self.dialogs = Recent.of(os.environ), Dialogs()
         # what was shown before the document was opened, and after it was left by undo
-        self.before: Left | None = None
-        self.after: Left | None = None
+        self.before: ReplacedDocument | None = None
+        self.after: ReplacedDocument | None = None
         # whether the next request to quit is obeyed although edits are lost
         self.warned = False
         # the view that was fitted to the document
@@ -183,13 +183,13 @@ class Viewer:
     # --- what is shown ----------------------------------------------------------------------------------------------
 
     @property
-    def view(self) -> View:
+    def view(self) -> Viewport:
         """The window beside the panel, for tools."""
         (width, height), scale = self.window.size, self.window.scale
         # the help takes the room of the panel
         has_panel = self.panel is not None and self.state.panel and not self.state.help
         width -= docked_width((width, height), scale) if has_panel else 0
-        return View((max(width, 1), max(height, 1)), scale, self.now())
+        return Viewport((max(width, 1), max(height, 1)), scale, self.now())
 
     @property
     def size(self) -> tuple[int, int]:
@@ -206,9 +206,11 @@ class Viewer:
     def remember(self) -> None:
         """Stores how the window stands for the next one."""
         # in narrow windows, the panel is open only while it is wanted
-        panel = self.state.panel if is_roomy(self.window.size, self.window.scale) else Arrangement.of(os.environ).panel
+        panel = (
+            self.state.panel if fits_panel(self.window.size, self.window.scale) else WindowLayout.of(os.environ).panel
+        )
         size, slices, theme = self.window.unit_size, self.state.slices.shown, self.state.theme
-        Arrangement(size, panel, slices, theme).remember(os.environ)
+        WindowLayout(size, panel, slices, theme).remember(os.environ)
 
     @property
     def busy(self) -> str | None:
@@ -408,11 +410,11 @@ class Viewer:
         elif not document.exceeds_budget:
             self.clear_message(COUNT)
 
-    def _moment(self) -> Moment:
+    def _moment(self) -> InputTiming:
         # quads near the eye may be slow even in portions: deferred until the mouse button is released
         frame = self.painter.frame
         held = self.input.is_dragging and (frame is None or frame.plan.program.technique == "quads")
-        return Moment(self.now() - self.touched, self.state.gliding, held, self.document.extracted)
+        return InputTiming(self.now() - self.touched, self.state.gliding, held, self.document.extracted)
 
     def _draw(self) -> int | None:
         """Renders a preview after changes, or the full-quality frame at rest. Returns its level, if any."""
@@ -461,7 +463,7 @@ class Viewer:
             if reference.wanted is not None:
                 reference.forget()
         elif reference.wanted is None:
-            settings = self.state.settings.but(classification="auto")
+            settings = self.state.settings.replace(classification="auto")
             reference.request(self.document, self.state.pose.camera, settings)
 
     def show(self) -> None:
@@ -510,7 +512,7 @@ class Viewer:
         width, height = self.size
         return width * (1 + (self.state.beside is not None)), height
 
-    def _marks(self) -> Marks:
+    def _marks(self) -> ScreenMarks:
         slices = self.slices.marks(self.state, self.document, self.view)
         # nothing lies over the help
         if self.document.is_loading or self.painter.frame is None or self.state.help:
@@ -532,7 +534,7 @@ class Viewer:
 
     def step(self, wait: float | None = None) -> None:
         """Handles events and finished jobs, renders a frame if one is due, and displays it. wait: maximum seconds."""
-        self.window.wait(self._patience() if wait is None else wait)
+        self.window.wait(self._seconds_until_due() if wait is None else wait)
         begun = time.perf_counter()
         self.window.fill(self.state.fullscreen)
         self.collect()
@@ -570,7 +572,7 @@ class Viewer:
         self.screen.close()
         self.window.errors.close()
 
-    def _patience(self) -> float:
+    def _seconds_until_due(self) -> float:
         """Seconds to wait for events; a held button defers the full-quality frame."""
         if self.dirty or self.effects:
             return 0.0
@@ -579,7 +581,7 @@ class Viewer:
         if self.state.playing and self.files.times and not self.files.jobs.busy:
             return max(0.0, self.played + 1 / self.state.pace - self.now())
         moment = self._moment()
-        due = self.refiner.patience(self.wanted(), moment)
+        due = self.refiner.seconds_until_due(self.wanted(), moment)
         if not moment.whole:
             due = min(IDLE if due is None else due, max(0.0, REST - moment.idle) or IDLE)
         due = IDLE if due is None or (due == 0.0 and moment.held) else due
@@ -638,7 +640,7 @@ class Viewer:
             self._save(path.name, save, is_scene_name(path))
         if self.files.times and not self.dirty:
             self.files.show_time(self.state.time)
-        if self.window.closing and Request.QUIT not in effects:
+        if self.window.closing and WindowRequest.QUIT not in effects:
             self._quit()
         if self.state.message not in (UNSAVED, RECORDING):
             self.warned = False
@@ -647,15 +649,15 @@ class Viewer:
         """Performs one effect of a command."""
         folder = self.options.folder
         match effect:
-            case Request.UNDO | Request.REDO:
-                self._step(effect is Request.UNDO)
-            case Request.CANCEL:
+            case WindowRequest.UNDO | WindowRequest.REDO:
+                self._step(effect is WindowRequest.UNDO)
+            case WindowRequest.CANCEL:
                 self._cancel()
-            case Request.SAVE_PICTURE:
+            case WindowRequest.SAVE_PICTURE:
                 self._save("picture", partial(save_picture, folder=folder, add=self._composed), False)
-            case Request.SAVE_SCENE:
+            case WindowRequest.SAVE_SCENE:
                 self._save("scene", partial(save_scene, folder=folder), True)
-            case Request.SAVE_AS:
+            case WindowRequest.SAVE_AS:
                 self._open_dialog(SAVE, folder, free_path(folder, "scene", ".toml").name)
             case Copy():
                 self.window.copy(copy_text(effect, self.state, self.document))
@@ -674,25 +676,25 @@ class Viewer:
             case OpenOption():
                 if not self.asks_to_leave(effect):
                     self._replace(effect)
-            case Leave(opens, saves):
+            case LeaveDocument(opens, saves):
                 if saves:
-                    self.perform_one(Request.SAVE_SCENE)
+                    self.perform_one(WindowRequest.SAVE_SCENE)
                 if not (saves and self.history.has_unsaved_edits(self.state)):
                     self._replace(opens)
-            case Request.RECORD:
+            case WindowRequest.RECORD:
                 self._record(free_path(folder, "movie", self.state.movie.form))
-            case Request.RECORD_AS:
+            case WindowRequest.RECORD_AS:
                 form = self.state.movie.form or MOVIES[0]
                 self._open_dialog(SAVE, folder, free_path(folder, "movie", form).name)
-            case Request.CANCEL_RECORDING:
+            case WindowRequest.CANCEL_RECORDING:
                 self.say("nothing is recorded" if not self.recorder.cancel() else "the recording is cancelled")
-            case Request.COPY_MOVIE:
+            case WindowRequest.COPY_MOVIE:
                 self._record(None)
-            case Request.FORGET_RECENT:
+            case WindowRequest.FORGET_RECENT:
                 self.recent = self.recent.forgotten()
-            case Request.PALETTE | Request.FOCUS:
+            case WindowRequest.PALETTE | WindowRequest.FOCUS:
                 self._reach_panel(effect)
-            case Request.QUIT:
+            case WindowRequest.QUIT:
                 self._quit()
 
     def _replace(self, opens: Open | OpenOption | None) -> None:
@@ -727,18 +729,18 @@ class Viewer:
             self.files.refine(left.document)
         self.touch()
 
-    def _leave(self) -> Left:
+    def _leave(self) -> ReplacedDocument:
         """The document and its edits, for undo after another file was opened."""
         self.history.note(self.state)
         state = replace(self.state, pinned=None, preview=None)
-        return Left(self.document.coarse(), state, self.history, self.home, self.bases, self.files.shown)
+        return ReplacedDocument(self.document.coarse(), state, self.history, self.home, self.bases, self.files.shown)
 
-    def _reach_panel(self, effect: Request) -> None:
+    def _reach_panel(self, effect: WindowRequest) -> None:
         """Opens the list of commands, or gives the keys to the panel, or back to the picture."""
-        self.state = replace(self.state, panel=self.state.panel or effect is Request.FOCUS)
+        self.state = replace(self.state, panel=self.state.panel or effect is WindowRequest.FOCUS)
         self.open_panel()
         if self.panel is not None:
-            (self.panel.focus if effect is Request.FOCUS else self.panel.panel.palette.open)()
+            (self.panel.focus if effect is WindowRequest.FOCUS else self.panel.panel.palette.open)()
             self.refresh()
 
     def _record(self, target: Path | None) -> None:
@@ -824,7 +826,7 @@ class Viewer:
         if self.reference.collect() or notes is not None:
             self.refresh()
 
-    def apply(self, done: Done) -> None:
+    def apply(self, done: FinishedJob) -> None:
         """Applies a finished job. Bad input only sets the message, or closes a window that has nothing to show."""
         self.refresh()
         self.files.finish(done.kind)
@@ -832,49 +834,49 @@ class Viewer:
             self._apply_error(done.kind, done.error)
             return
         match done.kind:
-            case Kind.ADD:
+            case JobKind.ADD:
                 self.history.note(self.state)
                 self.state, document = done.value.added_to(self.state, self.document)
                 state = self.state
                 self.take(document)
                 self.files.refine(document.with_styles(state.styles, state.mesh_files, state.settings))
                 self.touch()
-            case Kind.EXTRACT:
+            case JobKind.EXTRACT:
                 self.clear_message(EXTRACTING)
                 self.refiner.renew(self.document.counts, prod(self.size))
                 # all time points have the view of the first
                 if self.state.pose is self.home and 1 in self.document.extracted and self.files.time == 0:
                     self._fit_home()
-            case Kind.REFINE if done.value.scene is not self.document.scene:
+            case JobKind.REFINE if done.value.scene is not self.document.scene:
                 # of a document that is no longer shown
                 pass
             case _:
                 self._apply_loaded(done.kind, done.value)
 
-    def _apply_error(self, kind: Kind, error: BaseException) -> None:
+    def _apply_error(self, kind: JobKind, error: BaseException) -> None:
         if not isinstance(error, USER_ERRORS):
             raise error
         message, topic = error_text(error), TOPICS.get(kind, READING)
-        if kind in (Kind.EXTRACT, Kind.RELOAD):
+        if kind in (JobKind.EXTRACT, JobKind.RELOAD):
             self.say(message, topic)
         else:
             self.ask(tell_error(message), message, topic)
         if self.document.is_loading:
             self.failed, self.closed = error, True
-        elif kind is Kind.TIME_POINT:
+        elif kind is JobKind.TIME_POINT:
             # the slider goes back to the visible time point
             self.state = replace(self.state, time=self.files.time, playing=False)
-        elif kind is Kind.OPEN:
+        elif kind is JobKind.OPEN:
             # finer voxels waited for the file
             self.files.refine(self.document)
 
-    def _apply_loaded(self, kind: Kind, loaded: Loaded) -> None:
+    def _apply_loaded(self, kind: JobKind, loaded: Loaded) -> None:
         """Shows a loaded file. A reloaded one keeps its view unless its scene file changed; a time point keeps all."""
         shown = self.document
-        if kind is not Kind.REFINE:
+        if kind is not JobKind.REFINE:
             self.clear_message(OPENING)
             self.clear_message(READING)
-        if isinstance(loaded, Opened):
+        if isinstance(loaded, OpenedFile):
             document = loaded.document
             self.recent = self.recent.opened(loaded.path or self.options.source)
             self._begin(loaded)
@@ -882,12 +884,12 @@ class Viewer:
                 self.files.follow(loaded)
         else:
             document, number = loaded if isinstance(loaded, tuple) else (loaded, 0)
-            document, is_reloaded = document.with_additions(shown), kind is not Kind.TIME_POINT
-            if kind is not Kind.REFINE:
+            document, is_reloaded = document.with_additions(shown), kind is not JobKind.TIME_POINT
+            if kind is not JobKind.REFINE:
                 self.files.time = number
             if is_reloaded and not document.is_described_as(shown):
                 is_edited = self.history.has_unsaved_edits(self.state)
-                self._begin(Opened(document))
+                self._begin(OpenedFile(document))
                 is_kept = is_edited and self.before is not None
                 self.state = replace(self.state, message=CHANGED if is_kept else "")
             elif (is_reloaded or document.scene.look) and self.bases == stated_transfers(self.state.styles):
@@ -900,7 +902,7 @@ class Viewer:
         self.files.refine(document)
         self.touch()
 
-    def _begin(self, opened: Opened) -> None:
+    def _begin(self, opened: OpenedFile) -> None:
         """Starts with the state of another document; undo shows the one before, unless it takes too much memory."""
         document, before = opened.document, self.state.pose
         is_kept = not self.document.is_loading and self.document.bytes <= budget()

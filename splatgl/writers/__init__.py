@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.affine import METRES
-from splatgl.data.arrays import Changed
+from splatgl.data.arrays import ConvertedArray
 from splatgl.data.color import luma
 from splatgl.data.volume import Label, Volume, triple
 from splatgl.errors import expected, import_extra
@@ -33,7 +33,7 @@ _ALL = ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8")
 
 
 @dataclass(frozen=True)
-class Target:
+class FileTarget:
     """A format that is written: its name, suffixes and writer: a function of a path and a `Content`, or the place of
     one as of a `Format`. Of another package it is what an entry point of the group `splatgl.writers` leads to.
 
@@ -54,13 +54,17 @@ class Target:
 
 
 _GRID = ("spacing", "origin", "direction", "times")
-_NIFTI = partial(Target, frame="RAS", units=("mm", "um", "m"), library=("nibabel", "nibabel"))
+_NIFTI = partial(FileTarget, frame="RAS", units=("mm", "um", "m"), library=("nibabel", "nibabel"))
 TARGETS = (
     _NIFTI("NIfTI", (".nii",), "formats.write_nifti", (*_GRID, "color", "vectors")),
     _NIFTI("NIfTI", (".nii.gz",), "formats.write_nifti_gz", (*_GRID, "color", "vectors")),
-    Target("NRRD", (".nrrd",), "formats.write_nrrd", (*_GRID, "color", "vectors", "layers", "labels", "value unit")),
-    Target("MetaImage", (".mha",), "formats.write_metaimage", (*_GRID, "color", "vectors"), "LPS", ("mm", "um", "cm")),
-    Target(
+    FileTarget(
+        "NRRD", (".nrrd",), "formats.write_nrrd", (*_GRID, "color", "vectors", "layers", "labels", "value unit")
+    ),
+    FileTarget(
+        "MetaImage", (".mha",), "formats.write_metaimage", (*_GRID, "color", "vectors"), "LPS", ("mm", "um", "cm")
+    ),
+    FileTarget(
         "OME-TIFF",
         (".ome.tif", ".ome.tiff", ".tif", ".tiff"),
         "formats.write_tiff",
@@ -68,7 +72,7 @@ TARGETS = (
         types=("u1", "i1", "u2", "i2", "i4", "u4", "f4", "f8"),
         library=("tifffile", "tifffile"),
     ),
-    Target(
+    FileTarget(
         "OME-Zarr",
         (".zarr",),
         "formats.write_zarr",
@@ -77,17 +81,17 @@ TARGETS = (
         library=("zarr", "zarr"),
         is_folder=True,
     ),
-    Target("NumPy", (".npy",), "formats.write_npy", ("color", "vectors"), types=(*_ALL, "b1", "f2", "f16")),
+    FileTarget("NumPy", (".npy",), "formats.write_npy", ("color", "vectors"), types=(*_ALL, "b1", "f2", "f16")),
 )
 
 
-def targets() -> Iterator[Target]:
+def targets() -> Iterator[FileTarget]:
     """TARGETS, and then those of other packages."""
     yield from TARGETS
-    yield from load_plugins("writers", Target)
+    yield from load_plugins("writers", FileTarget)
 
 
-def find_target(path: Path) -> Target:
+def find_target(path: Path) -> FileTarget:
     """The format of a path to write. Raises InputError, before any work, for another name, a missing folder or library,
     and a place that cannot be written.
     """
@@ -114,7 +118,7 @@ class Content:
     """
 
     volume: Volume
-    target: Target
+    target: FileTarget
     count: int
     open: Callable[[int], Volume]
     dtype: np.dtype
@@ -188,14 +192,14 @@ def save(
     return tuple(notes)
 
 
-def _stem(path: Path, target: Target) -> str:
+def _stem(path: Path, target: FileTarget) -> str:
     """The name up to the suffix by which a reader finds a table of labels; .ome stays."""
     suffix = next(suffix for suffix in target.suffixes if path.name.lower().endswith(suffix))
     return path.name[: -len(suffix.removeprefix(".ome"))]
 
 
 def _prepare(
-    volume: Volume, target: Target, count: int, open_time: Callable[[int], Volume] | None
+    volume: Volume, target: FileTarget, count: int, open_time: Callable[[int], Volume] | None
 ) -> tuple[Content, list[str]]:
     """The content of a file, and notes on what is lost."""
     holds, channels = target.holds, volume.channels or (volume,)
@@ -237,7 +241,7 @@ def _prepare(
     return replace(content, dtype=dtype), notes
 
 
-def _lost(volume: Volume, target: Target, kind: str) -> list[str]:
+def _lost(volume: Volume, target: FileTarget, kind: str) -> list[str]:
     """A line for each property that the format cannot hold."""
     notes, holds = [], set(target.holds)
     is_turned = not np.allclose(volume.direction, np.eye(3), atol=1e-6)
@@ -289,7 +293,7 @@ def _color_channels(volume: Volume) -> tuple[Volume, ...]:
     return tuple(
         replace(
             plain,
-            samples=Changed(volume.color, volume.shape, np.dtype(np.uint8), itemgetter((..., n))),
+            samples=ConvertedArray(volume.color, volume.shape, np.dtype(np.uint8), itemgetter((..., n))),
             name=name,
             hints=replace(volume.hints, color=color, window=(0.0, 255.0)),
         )

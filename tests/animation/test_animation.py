@@ -19,8 +19,8 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.animation.animation import Animation, Frames, Timeline, scale_xray
-from splatgl.animation.camera_track import Swept, between, keyframes, turning
+from splatgl.animation.animation import Animation, FrameFiles, Timeline, scale_xray
+from splatgl.animation.camera_track import RotationHull, between, keyframes, turning
 from splatgl.animation.movie import expanded, gif_times, read_ahead, volumes
 from splatgl.cli.main import main
 from splatgl.scene.draw import ProgressLines, duration
@@ -72,7 +72,7 @@ def test_a_turn_is_the_cameras_orbit(renderer: sg.Renderer, here: Path) -> None:
         turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
         eye = turn @ (first.eye - center) + center
         camera = sg.Camera.look_at(eye, eye + turn @ first.forward, (0, 0, 1), 40, (24, 24))
-        expected = renderer.render(splats, camera, scene.settings.but(background="white")).pixels
+        expected = renderer.render(splats, camera, scene.settings.replace(background="white")).pixels
         assert np.abs(pixels(f"f/{n:02d}.npy") - expected).max() < 2e-5, n
 
 
@@ -142,7 +142,7 @@ def test_a_turning_camera_keeps_its_distance_and_sees_all() -> None:
     # and is no further than twice what the widest view wants
     widest = sg.Camera.orbit(splats, 0, 25)
     assert distances[0] < 1.2 * np.linalg.norm(widest.eye - center)
-    assert len(Swept.of(splats, np.array([0.0, 0, 1])).outline) < 5000
+    assert len(RotationHull.of(splats, np.array([0.0, 0, 1])).outline) < 5000
 
 
 def test_between_keyframes() -> None:
@@ -677,10 +677,10 @@ def test_bad_input_is_one_line(
 
 
 def test_templates(here: Path) -> None:
-    frames = Frames.at("x/{frame:05d}_a.png", "m")
+    frames = FrameFiles.at("x/{frame:05d}_a.png", "m")
     assert frames.path(37) == Path("x/00037_a.png") and not Path("x").exists()
-    assert Frames.at("x/{frame:3}{frame}.npy", "m").path(37) == Path("x/ 3737.npy")
-    assert Frames.at("m.mp4", "m").path(3) == Path("m.mp4.frames/000003.png")
+    assert FrameFiles.at("x/{frame:3}{frame}.npy", "m").path(37) == Path("x/ 3737.npy")
+    assert FrameFiles.at("m.mp4", "m").path(3) == Path("m.mp4.frames/000003.png")
 
 
 def test_a_scaled_x_ray_scales_its_bound() -> None:

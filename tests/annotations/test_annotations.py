@@ -15,7 +15,7 @@ import splatgl as sg
 from splatgl.annotations import world_lines
 from splatgl.annotations.annotate import ANNOTATIONS, LiveOverlay, annotated, compose, default_names, parse_annotations
 from splatgl.annotations.bars import _shorten, length_text, log_ticks, of_values, scale_of, ticks
-from splatgl.annotations.canvas import WHITE, AnnotationView, Canvas, Measure, Subject
+from splatgl.annotations.canvas import WHITE, AnnotatedSubject, AnnotationView, Canvas, Measure
 from splatgl.annotations.world_lines import COLORS, LONG, letters, measure_text
 from splatgl.cli.main import main
 from splatgl.data.affine import Coordinate, make_lattice
@@ -37,7 +37,7 @@ def test_scale_bar_length(perspective: bool) -> None:
         camera = sg.Camera.look_at(eye, target, (0, 0, 1), 90.0, (400, 400))
     else:
         camera = sg.Camera.orthographic(eye, target, (0, 0, 1), 100.0, (400, 400))
-    scale = scale_of(Subject.of(VOLUME), camera)
+    scale = scale_of(AnnotatedSubject.of(VOLUME), camera)
     assert scale is not None and scale.pixels == pytest.approx(80) and scale.label == "20 mm"
 
 
@@ -76,7 +76,10 @@ def test_a_logarithmic_bar_is_even_in_decades() -> None:
 def test_a_bar_is_named_by_its_quantity() -> None:
     """By the array and its unit, which stays where a long name is cut; else by the volume's name."""
     volume = sg.Volume(np.zeros((2, 2, 2)), name="era5", quantity="u", value_unit="m/s")
-    assert [Subject.of(each).value_name for each in (volume, replace(volume, quantity=""))] == ["u, m/s", "era5, m/s"]
+    assert [AnnotatedSubject.of(each).value_name for each in (volume, replace(volume, quantity=""))] == [
+        "u, m/s",
+        "era5, m/s",
+    ]
     cut = [_shorten(label) for label in ("velocity, m/s", "specific_humidity_of_air, g/kg", "a" * 30, "b, " + "c" * 30)]
     assert cut == ["velocity, m/s", "specific_hu..., g/kg", "a" * 17 + "...", "b, " + "c" * 14 + "..."]
 
@@ -163,7 +166,7 @@ def test_edges_are_drawn_where_corners_are(volume: sg.Volume) -> None:
     """Lines pass the middles of pixels along each edge that is not hidden; a fifth of a pixel beside, they are not."""
     for camera in cameras(volume):
         layer = Canvas(np.zeros((500, 600, 4), np.float32), WHITE)
-        world_lines.draw_edges(layer, AnnotationView(Subject.of(volume), TRANSFER, camera))
+        world_lines.draw_edges(layer, AnnotationView(AnnotatedSubject.of(volume), TRANSFER, camera))
         light = layer.pixels[..., 0]
         every = world_lines.edges(volume.corners, camera)
         assert len(every) == 12 and sum(each.hidden for each in every) in (3, 5)
@@ -202,7 +205,7 @@ def test_hidden_edges_are_behind_and_outer_ones_on_the_outline(volume: sg.Volume
 def test_ticks_are_where_their_numbers_say(volume: sg.Volume) -> None:
     """World coordinates along world axes, lengths from the first corner along others; drawn at the projected point."""
     for camera in cameras(volume):
-        subject, every = Subject.of(volume), world_lines.edges(volume.corners, camera)
+        subject, every = AnnotatedSubject.of(volume), world_lines.edges(volume.corners, camera)
         layer = Canvas(np.zeros((500, 600, 4), np.float32), WHITE)
         world_lines.draw_edges(layer, AnnotationView(subject, TRANSFER, camera))
         chosen = world_lines.select_numbered_edges(every, subject, camera)
@@ -249,7 +252,7 @@ def test_nothing_overlaps_or_is_cut_off(size: tuple[int, int], shown: float) -> 
     for volume in VOLUMES[:2]:
         camera = sg.Camera.orbit(volume, 30, 20, size=size, zoom=0.7)
         layer = Canvas.over(np.full((size[1], size[0], 4), shown, np.float32), (0, 0, 0))
-        view = AnnotationView(Subject.of(volume), TRANSFER, camera, "composite")
+        view = AnnotationView(AnnotatedSubject.of(volume), TRANSFER, camera, "composite")
         compose(layer, view, asked)
         assert not any(a.meets(b) for a, b in itertools.combinations(layer.taken, 2))
         for rect in layer.taken:
@@ -276,7 +279,7 @@ def test_text_goes_where_the_picture_is_empty() -> None:
 
 def test_live_overlays_are_what_pictures_have() -> None:
     """To a step of 8 bits; the second use of the buffers leaves nothing of the first."""
-    overlay, subject = LiveOverlay(), Subject.of(OBLONG)
+    overlay, subject = LiveOverlay(), AnnotatedSubject.of(OBLONG)
     names = ["box", "colorbar", "title=Head", *default_names(subject)]
     for angle in (10.0, 50.0, 51.0):
         camera = sg.Camera.orbit(OBLONG, angle, 20, size=(300, 260), zoom=0.6)
@@ -294,7 +297,7 @@ def test_an_eye_within_the_box_is_told() -> None:
     center = OBLONG.center
     camera = sg.Camera.look_at(center, center + np.array([0, 1.0, 0]), (0, 0, 1), 120, (200, 200))
     layer = Canvas(np.zeros((200, 200, 4), np.float32), WHITE)
-    view = AnnotationView(Subject.of(OBLONG), TRANSFER, camera)
+    view = AnnotationView(AnnotatedSubject.of(OBLONG), TRANSFER, camera)
     compose(layer, view, ["box"])
     world_lines.draw_behind(layer, view)
     assert layer.notes == ["no numbers of the box: the eye is in it"] and layer.pixels.any()
@@ -535,7 +538,7 @@ def over_degrees(name: str) -> sg.Volume:
 def test_numbers_of_scaled_axes_are_the_files(name: str) -> None:
     """They are those of its own axis, where they lie along it; coarser grids and channels have them, too."""
     volume, (_, _, ends, title) = over_degrees(name), VERTICALS[name]
-    subject, camera = Subject.of(volume), sg.Camera.orbit(volume, 30, 20, size=(400, 400))
+    subject, camera = AnnotatedSubject.of(volume), sg.Camera.orbit(volume, 30, 20, size=(400, 400))
     chosen = world_lines.select_numbered_edges(world_lines.edges(subject.corners, camera), subject, camera)
     for edge, heading in zip(chosen, ("lon, °", "lat, °", title), strict=True):
         places, texts, shown = world_lines.marks(subject, edge, camera, 12)
@@ -555,7 +558,7 @@ def test_numbers_of_scaled_axes_are_the_files(name: str) -> None:
 def test_lengths_across_axes_of_several_units() -> None:
     """A bar has the unit of the axes across the picture, else there is none; distances are those along each axis."""
     volume = over_degrees("height")
-    subject = Subject.of(volume)
+    subject = AnnotatedSubject.of(volume)
     bar = scale_of(subject, sg.Camera.orbit(volume, 0, 0, size=(200, 200)))
     assert bar is not None and bar.label.endswith("°")
     rolled = sg.Camera.orbit(volume, 0, 0, size=(200, 200), up=(1.0, 0.0, 0.2))
@@ -575,7 +578,7 @@ def test_lengths_in_several_units_of_length_are_those_of_the_world() -> None:
         *(Coordinate(n, 4, np.arange(4.0) * 100, "m") for n in "yx"),
     ]
     volume = make_lattice(axes).volume(np.ones((4, 4, 4), np.float32), "coordinates")
-    assert measure_text(Measure(((0, 0, 0), (300, 0, 400))), Subject.of(volume)) == "500 m"
+    assert measure_text(Measure(((0, 0, 0), (300, 0, 400))), AnnotatedSubject.of(volume)) == "500 m"
 
 
 def test_heights_are_the_maps(tmp_path: Path) -> None:

@@ -539,12 +539,12 @@ def test_info_lists_channels_times_and_arrays_of_stores(here: Path, capsys: Said
 def test_a_choice_is_an_error_with_what_there_is(here: Path) -> None:
     import pickle
 
-    from splatgl.errors import Choice
+    from splatgl.errors import MissingOption
 
     with pytest.raises(sg.InputError, match=r"^two\.npz: arrays: expected one 3-D array") as told:
         sg.load("two.npz")
     again = pickle.loads(pickle.dumps(told.value))
-    assert isinstance(again, Choice) and str(again) == str(told.value)
+    assert isinstance(again, MissingOption) and str(again) == str(told.value)
     assert (again.option, [name for name, _ in again.choices]) == ("array", ["a", "b"])
 
 

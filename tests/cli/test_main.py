@@ -307,7 +307,7 @@ def test_defaults_of_an_earlier_version(tmp_path: Path, monkeypatch: pytest.Monk
     Path("scene.toml").write_text('volume = "noise.npy"\n[camera]\nsize = [16, 16]\n[settings]\nantialias = "off"\n')
     before = sg.Settings.like("0.1")
     assert (before.classification, before.compositing, before.antialias) == ("pre", "splats", "paper")
-    assert sg.Settings.like("0.1", antialias="auto") == before.but(antialias="auto")
+    assert sg.Settings.like("0.1", antialias="auto") == before.replace(antialias="auto")
     assert main(["render", "scene.toml", "--like", "0.1", "-o", "like.png"]) == 0
     told = sg.Image.load("like.png").info
     assert (told["classification"], told["sheets"], told["antialias"]) == ("pre", 0, False)

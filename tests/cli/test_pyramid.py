@@ -101,7 +101,7 @@ def test_thin_things_stay_at_coarse_levels(
     transfer = sg.default_transfer(store)
     settings = Settings(classification="pre")
     right = renderer.render(
-        sg.extract(store, transfer), camera, settings.but(antialias="supersample", samples=8), verify_bound=False
+        sg.extract(store, transfer), camera, settings.replace(antialias="supersample", samples=8), verify_bound=False
     ).pixels
     place = {"direction": store.direction, "spacing": store.spacing, "origin": store.origin}
     means = with_levels(sg.Volume(threads.samples, **place), 3)

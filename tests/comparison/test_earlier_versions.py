@@ -23,7 +23,7 @@ def draw(name: str, renderer: sg.Renderer, settings: sg.Settings) -> sg.Image:
     volume = sg.Volume(samples.astype(np.float32))
     splats = sg.extract(volume, sg.Transfer(points=[(0.1, 0), (0.9, 0.3)]))
     camera = sg.Camera.look_at(EYE, CENTER, (0, 0, 1), fov=40, size=(64, 64))
-    return renderer.render(splats, camera, settings.but(blend="mip" if name == "maximum" else "composite"))
+    return renderer.render(splats, camera, settings.replace(blend="mip" if name == "maximum" else "composite"))
 
 
 @pytest.mark.parametrize("name", NEAR)
@@ -38,6 +38,6 @@ def test_pictures_are_those_of_version_0_2(name: str, renderer: sg.Renderer) -> 
 def test_voxels_keep_their_kernel(renderer: sg.Renderer) -> None:
     """Voxels that are classified before reconstruction were drawn by version 0.2 as they are today."""
     like, now = (
-        draw("step", renderer, some.but(classification="pre")) for some in (sg.Settings.like("0.2"), sg.Settings())
+        draw("step", renderer, some.replace(classification="pre")) for some in (sg.Settings.like("0.2"), sg.Settings())
     )
     assert like.info["kernel"] == "crawfis-max" and np.array_equal(like.pixels, now.pixels)

@@ -39,7 +39,7 @@ def osmesa() -> Iterator[sg.Renderer]:
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 def test_scene(scene: str, blend: str, renderer: sg.Renderer, splatgl_image: ImageRegression) -> None:
-    splatgl_image(renderer.render(*view_of(scene), SPLATS.but(blend=blend)), name=f"{scene}-{blend}")
+    splatgl_image(renderer.render(*view_of(scene), SPLATS.replace(blend=blend)), name=f"{scene}-{blend}")
 
 
 @pytest.mark.parametrize("scene", ["letter-f", *(pytest.param(name, marks=pytest.mark.long) for name in SCENES[:3])])
@@ -55,7 +55,7 @@ def test_another_backend_keeps_to_the_same_baseline(
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 @pytest.mark.parametrize("scene", ["nerve", "letter-f"])
 def test_two_backends_draw_the_same(scene: str, blend: str, renderer: sg.Renderer, osmesa: sg.Renderer) -> None:
-    first, second = (some.render(*view_of(scene), SPLATS.but(blend=blend)) for some in (renderer, osmesa))
+    first, second = (some.render(*view_of(scene), SPLATS.replace(blend=blend)) for some in (renderer, osmesa))
     verdict = Pair(second, first).judge()
     assert verdict.same, str(verdict)
     assert second.pixels.max() > 0.1, "something is drawn"

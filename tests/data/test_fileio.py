@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.animation.animation import Frames
+from splatgl.animation.animation import FrameFiles
 from splatgl.animation.movie import write_movie
 from splatgl.errors import InputError
 from splatgl.fileio import atomic_write, shorten_name, write_file
@@ -89,13 +89,13 @@ def test_names_as_long_as_file_systems_have(tmp_path: Path, name: str, letter: s
 
 def test_long_names_of_movies_and_frames(tmp_path: Path) -> None:
     """Frames lie in a folder beside a movie, and what a killed run left of them is found again."""
-    frames = Frames.at(str(tmp_path / ("m" * 246 + ".gif")), "mark")
+    frames = FrameFiles.at(str(tmp_path / ("m" * 246 + ".gif")), "mark")
     write_file(frames.path(3), b"data")
     left = frames.path(3).with_name(f".{shorten_name(frames.path(3).name)}.abcdefgh")
     left.write_bytes(b"half")
     frames.sweep([3])
     assert not left.exists() and frames.path(3).read_bytes() == b"data"
-    template = Frames.at(str(tmp_path / ("n" * 240 + "{frame:03d}.png")), "mark")
+    template = FrameFiles.at(str(tmp_path / ("n" * 240 + "{frame:03d}.png")), "mark")
     with atomic_write(template.path(0)) as temporary:
         kept = temporary.with_name(temporary.name + "x")
         temporary.replace(kept)

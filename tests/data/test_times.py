@@ -13,7 +13,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.animation.animation import FrameAnnotations
-from splatgl.annotations.canvas import Subject
+from splatgl.annotations.canvas import AnnotatedSubject
 from splatgl.cli.main import main
 from splatgl.data.times import Times, is_time
 from splatgl.errors import InputError
@@ -118,7 +118,7 @@ def test_collections_have_their_time_steps(tmp_path: Path) -> None:
     scene = OpenScene.of(file, file.open())
     assert scene.names == ("time=0.25", "axes")
     texts = tuple(map(scene.volume.time_text, range(3)))
-    over = FrameAnnotations(("time", "scale"), Subject.of(scene.volume), scene.transfer, texts)
+    over = FrameAnnotations(("time", "scale"), AnnotatedSubject.of(scene.volume), scene.transfer, texts)
     assert [over.at(n)[0] for n in (0, 1, 2, "0.25")] == ["time=0.1", "time=0.25", "time=2", "time=0.25"]
     document = Document.open(SceneFile(str(path)), quiet=True)
     state = replace(State.of(document, (64, 64)), annotate=("time",), time=1, times=3)

@@ -66,7 +66,7 @@ def test_joining_does_not_depend_on_the_tree(how: str, rng: np.random.Generator)
 )
 def test_parts_add_up_to_the_picture(blend: str, name: str, renderer: sg.Renderer, rng: np.random.Generator) -> None:
     volume = sg.Volume(noise(rng, (30, 27, 32)), spacing=(1, 1.3, 0.8))
-    camera, settings = cameras(volume)[name], ALL.but(blend=blend, background=(0.2, 0.5, 1.0))
+    camera, settings = cameras(volume)[name], ALL.replace(blend=blend, background=(0.2, 0.5, 1.0))
     found = bricks_of(volume, RAMP, settings)
     assert found is not None
     bricks = Bricks.of(volume, found.post, 8)
@@ -84,7 +84,7 @@ def test_parts_add_up_to_the_picture(blend: str, name: str, renderer: sg.Rendere
         parts.append(PicturePart.of(pixels, sum(some.found.values())))
     # what joins three sheets reaches one sheet further to both sides of a part than their splats do
     assert read < 3.05 * len(bricks.low)
-    how = chosen.program.look.join
+    how = chosen.program.appearance.join
     whole = join_parts(how, join_parts(how, parts[0], parts[1]), join_parts(how, parts[2], parts[3]))
     image = renderer.render_joined(bricks, camera, settings, whole.whole, whole.splats)
     assert right.pixels.max() > 0.3 and image.info["splats"] == right.info["splats"]

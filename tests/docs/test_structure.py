@@ -364,6 +364,15 @@ def test_no_test_imports_another() -> None:
     assert found == []
 
 
+def test_class_names_stand_once() -> None:
+    homes: dict[str, list[str]] = defaultdict(list)
+    for path in files():
+        for node in classes(path):
+            homes[node.name].append(relative(path))
+    repeated = {name: places for name, places in homes.items() if len(places) > 1}
+    assert repeated == {}
+
+
 def test_functions_stay_small() -> None:
     assert [wrong for path in files() for wrong in long_functions(path)] == []
 

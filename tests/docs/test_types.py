@@ -32,7 +32,7 @@ sg.show(volume, colourmap="bone")  # wrong
 sg.depth_map(volume, elevatoin=3)  # wrong
 sg.Settings(blend="mipp")  # wrong
 sg.Settings(tolerence=0.1)  # wrong
-sg.Settings().but(technique="cards")  # wrong
+sg.Settings().replace(technique="cards")  # wrong
 sg.Settings.like("0.1", samples="many")  # wrong
 sg.load("a.nii", chanel=1)  # wrong
 sg.load("a.nii", values="label")  # wrong
@@ -59,7 +59,7 @@ sg.preset(next(iter(sg.presets())), volume)
 sg.render("a.nii", size=(640, 480), window=[0, 3], blend="mip", background="white", azimuth=np.float64(3)).save("a.png")
 sg.render(volume, "ct-bone", size="640x480", points=[(0, 0.1), (3.5, 1)], memory="2GiB", clip=["x>0.3"], surfaces=True)
 sg.show(volume, eye=np.zeros(3), annotate=["scale", "axes"], streamlines=True, spacing=(1, 1, 2), unit="mm")
-sg.Settings(background="#fff", light="glossy", light_from=(3, 4), clip=[(0, 0, 1, 3)]).but(samples=2).background
+sg.Settings(background="#fff", light="glossy", light_from=(3, 4), clip=[(0, 0, 1, 3)]).replace(samples=2).background
 sg.load("a.tif", channel="all", array=3)
 """
 WRONG = [number for number, line in enumerate(PROGRAM.splitlines(), 1) if line.endswith("# wrong")]

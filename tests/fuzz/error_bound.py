@@ -233,13 +233,13 @@ def case(seed: int) -> Case:
 
 def drawable(renderer: sg.Renderer, chosen: Case) -> sg.Settings:
     """The settings without a technique that the image does not support."""
-    for settings in (chosen.settings, chosen.settings.but(technique="auto"), chosen.settings.but(align="auto")):
+    for settings in (chosen.settings, chosen.settings.replace(technique="auto"), chosen.settings.replace(align="auto")):
         try:
             renderer.plan(chosen.splats, chosen.camera, settings)
         except InputError:
             continue
         return settings
-    return chosen.settings.but(technique="auto", align="auto")
+    return chosen.settings.replace(technique="auto", align="auto")
 
 
 def measure(renderer: sg.Renderer, chosen: Case, verify_bound: bool = False) -> Found:

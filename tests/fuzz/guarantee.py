@@ -91,7 +91,7 @@ def outcome(renderer: sg.Renderer, seed: int) -> Outcome:
     background = (None, (1.0, 1.0, 1.0))[rng.integers(2)]
     settings = sg.Settings(background=background, blend=blend)  # type: ignore[arg-type]
     if damage == "form":
-        settings = settings.but(align=str(rng.choice(["ray", "grid"])), target="rgba8", compositing="splats")
+        settings = settings.replace(align=str(rng.choice(["ray", "grid"])), target="rgba8", compositing="splats")
     right = sg.reference.render(splats, camera, settings).pixels
     drawn = splats.part(rng.random(len(splats)) > 0.05) if damage == "lost" else splats
     pixels = renderer.render(drawn, camera, settings, verify_bound=False).pixels.copy()

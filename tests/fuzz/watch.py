@@ -19,7 +19,7 @@ import numpy as np
 import splatgl as sg
 from splatgl.cli.volume_info import describe
 from splatgl.data.volume import Volume
-from splatgl.errors import Choice
+from splatgl.errors import MissingOption
 from splatgl.readers import hdf5_files, list_volumes, tiff_validation
 from splatgl.scene.scene_file import SceneFile
 
@@ -55,7 +55,7 @@ def read(path: Path, kind: str) -> None:
     given: dict[str, object] = {}
     try:
         volume = sg.load(path)
-    except Choice as needed:
+    except MissingOption as needed:
         first = needed.choices[0][0] if needed.choices else None
         picked = {"channel": "all", "array": first, "series": 1}.get(needed.option)
         if picked is None:

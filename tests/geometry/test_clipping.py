@@ -12,7 +12,15 @@ import splatgl as sg
 from splatgl import reference
 from splatgl.cli.main import main
 from splatgl.errors import InputError
-from splatgl.geometry.clipping import MOST_CLIPS, Box, Plane, check_planes, clip_corners, crop_planes, parse_planes
+from splatgl.geometry.clipping import (
+    MOST_CLIPS,
+    ClipUnits,
+    Plane,
+    check_planes,
+    clip_corners,
+    crop_planes,
+    parse_planes,
+)
 from splatgl.geometry.grid import corners_of
 from splatgl.planning.bricks import Bricks
 from splatgl.reference.field import kept_field_integral
@@ -43,7 +51,7 @@ def test_a_cut_block_is_as_deep_as_what_is_left(grid: str, view: str, technique:
     volume = block(grid)
     splats, found = sg.extract(volume, FOG), cut(volume)
     camera = views(splats)[view]
-    image = renderer.render(splats, camera, PLAIN.but(blend="xray", clip=found, technique=technique))
+    image = renderer.render(splats, camera, PLAIN.replace(blend="xray", clip=found, technique=technique))
     right = lengths(volume, camera, found)
     whole = lengths(volume, camera, ())
     assert 0.05 < right.sum() / whole.sum() < 0.9
@@ -58,14 +66,14 @@ def test_a_cut_block_is_as_deep_as_what_is_left(grid: str, view: str, technique:
 )
 def test_cut_pictures_are_the_reference(blend: str, technique: Any, renderer: sg.Renderer) -> None:
     volume = field("sheared")
-    settings = PLAIN.but(blend=blend, clip=cut(volume), technique=technique)
+    settings = PLAIN.replace(blend=blend, clip=cut(volume), technique=technique)
     how = "post" if blend in ("composite", "xray") else "post-all"
     splats = sg.extract(volume, SOLID, classification=how)
     for name in ("fitted", "parallel", "close"):
         camera = views(splats)[name]
         found = renderer.render(splats, camera, settings).pixels
         right = reference.render(splats, camera, settings).pixels
-        assert np.abs(right - reference.render(splats, camera, settings.but(clip=())).pixels).max() > 0.1
+        assert np.abs(right - reference.render(splats, camera, settings.replace(clip=())).pixels).max() > 0.1
         # values at a table's cell may fall into the next
         off = np.abs(found - right) / max(np.abs(right).max(), 1.0)
         assert off.max() < 2e-3 and off.mean() < 1e-5
@@ -97,7 +105,7 @@ def test_faces_are_lit_by_their_planes(renderer: sg.Renderer) -> None:
     camera = sg.Camera.orthographic(middle - np.array([0, 60, 0]), middle, (0, 0, 1), height=8, size=(8, 8))
     opaque = sg.Transfer([(0.0, 0.999999)], colormap="gray", window=(0, 1), unit=0.05, shading=True)
     splats = sg.extract(volume, opaque)
-    settings = PLAIN.but(clip=[(*normal, float(normal @ middle))])
+    settings = PLAIN.replace(clip=[(*normal, float(normal @ middle))])
     found = renderer.render(splats, camera, settings).pixels
     whole = renderer.render(splats, camera, PLAIN).pixels
     light = AMBIENT + DIFFUSE * normal[1]
@@ -109,10 +117,10 @@ def test_faces_are_lit_by_their_planes(renderer: sg.Renderer) -> None:
         half = (at + eye) / np.linalg.norm(at + eye)
         right = light.ambient + light.diffuse * max(-normal @ at, 0)
         right += light.specular * max(-normal @ half, 0) ** 2**light.sharpness
-        found = renderer.render(splats, camera, settings.but(light=name)).pixels
+        found = renderer.render(splats, camera, settings.replace(light=name)).pixels
         assert np.abs(found[..., :3] - right).max() < 1e-3
-    unlit = renderer.render(splats, camera, settings.but(shading="off")).pixels
-    assert np.abs(unlit - renderer.render(splats, camera, PLAIN.but(shading="off")).pixels).max() < 2e-4
+    unlit = renderer.render(splats, camera, settings.replace(shading="off")).pixels
+    assert np.abs(unlit - renderer.render(splats, camera, PLAIN.replace(shading="off")).pixels).max() < 2e-4
 
 
 @pytest.mark.few(1)
@@ -124,7 +132,7 @@ def test_faces_are_one_voxel_deep(technique: Any, renderer: sg.Renderer) -> None
     fog = sg.Transfer([(0.0, 0.3)], colormap="gray", window=(0, 1), unit=1.0, shading=True)
     camera = sg.Camera.orthographic(middle - np.array([0, 60, 0]), middle, (0, 0, 1), height=4, size=(6, 6))
     normal = np.array([0.5, 0.7, 0.0]) / np.linalg.norm([0.5, 0.7, 0.0])
-    settings = PLAIN.but(clip=[(*normal, float(normal @ middle))], technique=technique)
+    settings = PLAIN.replace(clip=[(*normal, float(normal @ middle))], technique=technique)
     found = renderer.render(sg.extract(volume, fog), camera, settings).pixels
     # rays are 10 voxels long in the middle of the block: nothing is seen behind
     near, lit = 1 - 0.7**1.0, AMBIENT + DIFFUSE * normal[1]
@@ -139,9 +147,9 @@ def test_planes_that_cut_nothing_change_nothing(renderer: sg.Renderer) -> None:
     volume = field()
     splats = sg.extract(volume, SOLID)
     camera = views(splats)["fitted"]
-    beside = PLAIN.but(clip=[(1, 0, 0, -100.0), (0, 0, -2, -300.0)])
+    beside = PLAIN.replace(clip=[(1, 0, 0, -100.0), (0, 0, -2, -300.0)])
     plans = [renderer.plan(splats, camera, each) for each in (PLAIN, beside)]
-    assert [each.program.look.clipped for each in plans] == [False, True] and plans[0].key != plans[1].key
+    assert [each.program.appearance.clipped for each in plans] == [False, True] and plans[0].key != plans[1].key
     pair = [renderer.render(splats, camera, each).pixels for each in (PLAIN, beside)]
     assert np.abs(pair[0] - pair[1]).max() < 1e-6
 
@@ -154,9 +162,9 @@ def test_voxels_classified_before_are_cut_whole(renderer: sg.Renderer) -> None:
     world = splats.positions @ volume.world_from_index.T + volume.origin
     kept = splats.part((world @ rows[:, :3].T >= rows[:, 3]).all(axis=1))
     assert 0 < len(kept) < len(splats)
-    drawn = renderer.render(splats, camera, PLAIN.but(clip=found))
+    drawn = renderer.render(splats, camera, PLAIN.replace(clip=found))
     assert (drawn.pixels == renderer.render(kept, camera, PLAIN).pixels).all()
-    right = reference.render(splats, camera, PLAIN.but(clip=found)).pixels
+    right = reference.render(splats, camera, PLAIN.replace(clip=found)).pixels
     assert drawn.info["error_bound"] and np.abs(drawn.pixels - right).max() <= drawn.info["error_bound"]
 
 
@@ -166,7 +174,7 @@ def test_bricks_that_are_cut_off_are_not_read(renderer: sg.Renderer) -> None:
     volume = field(size=96)
     splats = sg.extract(volume, SOLID)
     camera = views(splats)["fitted"]
-    settings = PLAIN.but(clip=crop_planes("60:,60:,:", volume))
+    settings = PLAIN.replace(clip=crop_planes("60:,60:,:", volume))
     bricks = Bricks.of(volume, splats.post, 32)
     image = renderer.render_bricks(bricks, camera, settings)
     assert np.abs(image.pixels - renderer.render(splats, camera, settings).pixels).max() < 1e-6
@@ -204,7 +212,7 @@ def test_layers_have_planes_of_their_own(renderer: sg.Renderer) -> None:
 )
 def test_conditions(text: str, plane: tuple[Any, ...]) -> None:
     """Of fractions of a box of 8 × 20 × 24 millimetres, of lengths, and by a point and a normal."""
-    box = Box(np.zeros(3), np.array([8.0, 20.0, 24.0]), "mm")
+    box = ClipUnits(np.zeros(3), np.array([8.0, 20.0, 24.0]), "mm")
     (found,) = parse_planes(text, box)
     for mine, right in zip(found, plane, strict=True):
         assert right is None or mine == pytest.approx(right)
@@ -220,7 +228,7 @@ def test_conditions(text: str, plane: tuple[Any, ...]) -> None:
 )
 def test_conditions_that_say_nothing(text: str) -> None:
     with pytest.raises(InputError, match="clip: expected"):
-        parse_planes(text, Box(np.zeros(3), np.ones(3), "mm"))
+        parse_planes(text, ClipUnits(np.zeros(3), np.ones(3), "mm"))
 
 
 @pytest.mark.parametrize(
@@ -233,7 +241,7 @@ def test_planes_that_are_none(given: Any) -> None:
 
 def test_planes_that_leave_nothing() -> None:
     with pytest.raises(InputError, match=r"planes that leave something of the volume, got x>0\.9, x<0\.1"):
-        parse_planes(["x>0.9", "x<0.1"], Box(np.zeros(3), np.ones(3)))
+        parse_planes(["x>0.9", "x<0.1"], ClipUnits(np.zeros(3), np.ones(3)))
 
 
 def test_cuts_that_leave_no_visible_voxel_are_named() -> None:

@@ -130,12 +130,12 @@ def test_missing_samples_that_nothing_masks_are_counted(monkeypatch: pytest.Monk
         bricks = in_bricks(replace(volume, samples=samples))
         for brick in range(len(bricks.low)):
             bricks.records(brick)
-        counts.append(bricks.whole.unmasked + sum(bricks.gaps.values()))
+        counts.append(bricks.whole.missing_samples + sum(bricks.gaps.values()))
     in_memory, found = counts
     assert in_memory == 0 and 6 * 12**2 <= found <= 18**3 - 12**3
-    assert sg.extract(volume, WHITE, classification="post").unmasked == 0
+    assert sg.extract(volume, WHITE, classification="post").missing_samples == 0
     monkeypatch.setattr(mask_field, "MOST", 100)
-    assert sg.extract(volume, WHITE, classification="post").unmasked == found
+    assert sg.extract(volume, WHITE, classification="post").missing_samples == found
 
 
 def test_gradients_that_weigh_are_of_samples_alone() -> None:

@@ -16,7 +16,7 @@ from splatgl.errors import InputError
 from splatgl.geometry import mask_field
 from splatgl.geometry.clipping import index_plane
 from splatgl.geometry.mask_field import AROUND, EDGE, REACH, MaskField
-from splatgl.planning.ambient_occlusion import Coarse
+from splatgl.planning.ambient_occlusion import CoarseGrid
 from splatgl.planning.bricks import Bricks
 from splatgl.reference.field import field_integral, kept_field_integral
 from splatgl.scene.scene_file import SceneFile
@@ -50,7 +50,7 @@ def test_a_block_is_as_deep_as_what_its_mask_keeps(grid: str, view: str, techniq
     camera = views(sg.extract(volume, FOG))[view]
     for axis in (0, 2):
         splats = sg.extract(volume.masked(half(volume, axis)), FOG)
-        image = renderer.render(splats, camera, PLAIN.but(blend="xray", technique=technique))
+        image = renderer.render(splats, camera, PLAIN.replace(blend="xray", technique=technique))
         right = lengths(volume, camera, (index_plane(volume, axis, -1, 7.5),))
         assert 0.2 < right.sum() / lengths(volume, camera, ()).sum() < 0.7
         apart = np.abs(image.pixels[..., 3] / -np.log(1 - OPACITY) - right)
@@ -67,7 +67,7 @@ def test_masked_pictures_are_the_reference(blend: str, technique: Any, renderer:
     how = "post" if blend in ("composite", "xray") else "post-all"
     splats = sg.extract(volume.masked(blob(volume)), SOLID, classification=how)
     whole = sg.extract(volume, SOLID, classification=how)
-    settings = PLAIN.but(blend=blend, technique=technique)
+    settings = PLAIN.replace(blend=blend, technique=technique)
     for name in ("fitted", "parallel", "close"):
         camera = views(whole)[name]
         found = renderer.render(splats, camera, settings).pixels
@@ -106,16 +106,16 @@ def test_the_integral_of_a_volume_is_masked() -> None:
 @pytest.mark.long
 def test_what_is_kept_is_as_without_a_mask(renderer: sg.Renderer) -> None:
     """Nothing of values changes: a mask with a plane face cuts as the plane does; one that keeps all, nothing."""
-    volume, settings = field(), PLAIN.but(shading="off")
+    volume, settings = field(), PLAIN.replace(shading="off")
     whole = sg.extract(volume, SOLID)
     camera = views(whole)["fitted"]
     masked = renderer.render(sg.extract(volume.masked(half(volume)), SOLID), camera, settings).pixels
     clip = [index_plane(volume, 0, -1, 7.5)]
-    assert np.abs(masked - renderer.render(whole, camera, settings.but(clip=clip)).pixels).max() < 2e-4
+    assert np.abs(masked - renderer.render(whole, camera, settings.replace(clip=clip)).pixels).max() < 2e-4
     every = renderer.render(sg.extract(volume.masked(np.ones(volume.shape)), SOLID), camera, PLAIN).pixels
     plain = renderer.render(whole, camera, PLAIN)
     assert np.abs(every - plain.pixels).max() < 1e-6
-    assert not renderer.plan(whole, camera, PLAIN).program.look.masked
+    assert not renderer.plan(whole, camera, PLAIN).program.appearance.masked
 
 
 def test_values_as_far_as_a_kernel_reaches_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -130,7 +130,7 @@ def test_values_as_far_as_a_kernel_reaches_are_kept(monkeypatch: pytest.MonkeyPa
     for reach in (mask_field.REACH, 16):
         monkeypatch.setattr(mask_field, "REACH", reach)
         splats = sg.extract(sg.Volume(samples).masked(np.indices(samples.shape)[1] < 7), rough, kernel="wide")
-        found.append(reference.render(splats, camera, PLAIN.but(kernel="wide")).pixels)
+        found.append(reference.render(splats, camera, PLAIN.replace(kernel="wide")).pixels)
     assert found[1][..., 3].max() > 0.5
     assert np.abs(found[0] - found[1]).max() < 1e-6
 
@@ -174,8 +174,8 @@ def test_voxels_classified_before_are_kept_whole(renderer: sg.Renderer) -> None:
     assert (kept.records == masked.records).all() and 0 < len(masked) < len(splats)
     assert masked.dropped_depth < splats.dropped_depth
     camera = views(splats)["fitted"]
-    drawn = renderer.render(masked, camera, PLAIN.but(compositing="splats"))
-    right = reference.render(masked, camera, PLAIN.but(compositing="splats")).pixels
+    drawn = renderer.render(masked, camera, PLAIN.replace(compositing="splats"))
+    right = reference.render(masked, camera, PLAIN.replace(compositing="splats")).pixels
     assert drawn.info["error_bound"] and np.abs(drawn.pixels - right).max() <= drawn.info["error_bound"]
 
 
@@ -281,8 +281,8 @@ def test_bricks_beside_the_mask_are_not_read(renderer: sg.Renderer) -> None:
 def test_what_is_cut_off_keeps_no_light_off() -> None:
     volume = block()
     splats = sg.extract(volume.masked(half(volume)), FOG)
-    extinction = Coarse.of([(splats, ())]).extinction
-    alone = Coarse.of([(sg.extract(volume, FOG), ())]).extinction
+    extinction = CoarseGrid.of([(splats, ())]).extinction
+    alone = CoarseGrid.of([(sg.extract(volume, FOG), ())]).extinction
     assert extinction.sum() == pytest.approx(alone.sum() * 8 / 20, rel=1e-6)
 
 

@@ -56,7 +56,7 @@ def test_a_block_is_as_deep_as_what_scissors_leave(grid: str, view: str, rendere
     assert 0.05 < inside.sum() / full.sum() < 0.9
     for keep in (True, False):
         splats = sg.extract(volume.masked(Scissors(TRIANGLE, keep, drawn_in)), FOG)
-        image = renderer.render(splats, camera, PLAIN.but(blend="xray"))
+        image = renderer.render(splats, camera, PLAIN.replace(blend="xray"))
         right = inside if keep else full - inside
         apart = np.abs(image.pixels[..., 3] / -np.log(1 - OPACITY) - right) / splats.grid.mean_spacing
         # where an edge of the block or of the outline passes, it is rounded
@@ -68,7 +68,7 @@ def test_scissored_pictures_are_the_reference(technique: Any, renderer: sg.Rende
     volume = field("sheared")
     whole = sg.extract(volume, SOLID)
     splats = sg.extract(volume.masked(Scissors(CORNER, camera=views(whole)["parallel"])), SOLID)
-    settings = PLAIN.but(technique=technique)
+    settings = PLAIN.replace(technique=technique)
     side = views(whole)["fitted"]
     found, right = renderer.render(splats, side, settings).pixels, reference.render(splats, side, settings).pixels
     assert np.abs(right - reference.render(whole, side, settings).pixels).max() > 0.1
@@ -209,7 +209,7 @@ def test_a_part_of_a_field_is_left_whole(renderer: sg.Renderer) -> None:
     camera = sg.Camera.orbit(volume, 30, 20, size=(40, 40))
     plane = (0.0, 0.0, 1.0, 9.5)
     scene = sg.Scene([sg.Layer(volume, FOG, uncut=part)], clip=[plane])
-    image = renderer.render(scene, camera, PLAIN.but(blend="xray")).pixels[..., 3] / -np.log(1 - OPACITY)
+    image = renderer.render(scene, camera, PLAIN.replace(blend="xray")).pixels[..., 3] / -np.log(1 - OPACITY)
     left, right = (-1.0, 0.0, 0.0, -7.5), (1.0, 0.0, 0.0, 7.5)
     true = lengths(volume, camera, (left,)) + lengths(volume, camera, (right, plane))
     assert np.abs(image - true).max() < 0.02 and np.abs(true - lengths(volume, camera, (plane,))).max() > 3
@@ -221,7 +221,7 @@ def test_cut_and_whole_parts_are_the_reference(technique: Any, renderer: sg.Rend
     volume = field()
     part = (np.indices(volume.shape)[2] < 8).astype(np.uint8)
     drawn = sg.Scene([sg.Layer(volume, SOLID, uncut=part)], clip=["z>0.5"])
-    camera, settings = sg.Camera.orbit(block(), 30, 20, size=(20, 20)), PLAIN.but(technique=technique)
+    camera, settings = sg.Camera.orbit(block(), 30, 20, size=(20, 20)), PLAIN.replace(technique=technique)
     found = renderer.render(drawn, camera, settings).pixels
     assert np.abs(found - reference.render(drawn, camera, settings).pixels).max() < 2e-3 < found.max()
 

@@ -12,7 +12,7 @@ import splatgl as sg
 from splatgl.errors import InputError
 from splatgl.geometry.grid import Grid
 from splatgl.geometry.resample import Raster, sample_places, sample_raster
-from splatgl.geometry.slices import Painted, Painter, SlicePlane, parse_slices
+from splatgl.geometry.slices import SliceLayer, SlicePainter, SlicePlane, parse_slices
 from tests.helpers.noise import GRIDS
 
 SLOPE = np.array([0.7, -1.3, 2.1])
@@ -204,9 +204,9 @@ def test_layers_lie_over_the_first_and_channels_add_up() -> None:
     red = sg.Transfer([(0, 0), (2, 0.5)], "#ff0000", window=(0, 2), shading=False)
     points = np.array([[1.5, 1.5, 1.5], [9, 9, 9]])
     base = gray.color(1.0)
-    over = Painter([Painted(volume, gray), Painted(volume, red, 0.5)]).light(points)
+    over = SlicePainter([SliceLayer(volume, gray), SliceLayer(volume, red, 0.5)]).light(points)
     # half of the red one's largest opacity, which the layer's halves again
     assert np.allclose(over[0], [*(base * 0.75 + 0.25 * np.array([0.5, 0, 0])), 1]) and not over[1].any()
     green = replace(red, colormap="#00ff00")
-    both = Painter([Painted(volume, red), Painted(volume, green)]).light(points[:1])
+    both = SlicePainter([SliceLayer(volume, red), SliceLayer(volume, green)]).light(points[:1])
     assert np.allclose(both, [[0.5, 0.5, 0, 1]])

@@ -14,7 +14,7 @@ from splatgl.gl import layers as layers_in_tiles
 from splatgl.gl.adaptive_samples import SingleSamples
 from splatgl.gl.context import current
 from splatgl.gl.target import Portions
-from splatgl.planning.culling import Window
+from splatgl.planning.culling import PixelWindow
 from splatgl.planning.resolve import SPARED_SHARE
 from splatgl.planning.technique import COLUMNS
 from splatgl.reference.blend import pixel_means
@@ -75,7 +75,7 @@ def test_kept_pixels_and_their_means(renderer: sg.Renderer, ball: sg.Splats, rng
         plan = replace(plan, resolved=replace(plan.resolved, allowed=0.005))
         target = chosen.begin(plan)
         target.texture.write(np.ascontiguousarray(single), (0, 0, width, height))
-        needed, share = chosen.measure(target, plan, Window(0, 0, width, height))
+        needed, share = chosen.measure(target, plan, PixelWindow(0, 0, width, height))
         drawn = passes.targets.get("draw", (2 * width, 2 * height), "rgba32f")
         drawn.texture.write(fine, (0, 0, 2 * width, 2 * height))
         passes.single.kept = chosen.kept
@@ -89,7 +89,7 @@ def test_differ_little_from_all_samples(renderer: sg.Renderer, ball: sg.Splats) 
     """By less than the tolerance, a fifth of what one sample a pixel is off; a quarter of the pixels take one."""
     camera = sg.Camera.orbit(ball, 30, 20, size=(72, 72))
     found, right = (renderer.render(ball, camera, each, verify_bound=False).pixels for each in (sg.Settings(), ALL))
-    one = renderer.render(ball, camera, ALL.but(samples=1), verify_bound=False).pixels
+    one = renderer.render(ball, camera, ALL.replace(samples=1), verify_bound=False).pixels
     tolerance = sg.Settings().tolerance
     assert np.abs(one - right).max() > 5 * tolerance
     assert np.abs(found - right).max() < tolerance
@@ -140,7 +140,7 @@ def test_layers_spare_samples_as_volumes_do(
     layers = [sg.Layer(replace(volume, origin=(place, 0, 0)), look) for place in (0, 7)]
     scene, camera = sg.Scene(layers), sg.Camera.orbit(ball, 30, 20, size=(72, 72))
     found, right = (renderer.render(scene, camera, each).pixels for each in (sg.Settings(), ALL))
-    one = renderer.render(scene, camera, ALL.but(samples=1)).pixels
+    one = renderer.render(scene, camera, ALL.replace(samples=1)).pixels
     tolerance = sg.Settings().tolerance
     assert np.abs(one - right).max() > 5 * tolerance
     assert np.abs(found - right).max() < tolerance

@@ -53,7 +53,11 @@ def test_what_is_behind_a_parallel_view_is_decided_once(renderer: sg.Renderer, g
         camera = sg.Camera.orthographic(eye, eye + normal, rng.normal(size=3), 9.0, (14, 11))
         before = (splats.positions - place) @ steps >= 0
         assert len(clip_behind_eye(splats, camera)) == before.sum() < len(splats)
-        for settings in (SPLATS.but(blend="xray"), SPLATS.but(technique="quads"), SPLATS.but(technique="tiles")):
+        for settings in (
+            SPLATS.replace(blend="xray"),
+            SPLATS.replace(technique="quads"),
+            SPLATS.replace(technique="tiles"),
+        ):
             error, limit = off(renderer, splats, camera, settings)
             assert error <= limit
         assert clip_behind_eye(splats, camera) is clip_behind_eye(splats, camera)
@@ -68,7 +72,7 @@ def test_voxels_at_z_k_are_widened_alike(renderer: sg.Renderer, grid: str, chang
     for n in range(3):
         rng = np.random.default_rng(n)
         camera = error_bound.at_z_k(rng, splats)
-        error, limit = off(renderer, splats, camera, SPLATS.but(**changes))
+        error, limit = off(renderer, splats, camera, SPLATS.replace(**changes))
         assert error <= limit, n
 
 
@@ -94,11 +98,11 @@ SHAPES: dict[str, dict[str, str]] = {
 @pytest.mark.parametrize("width", WIDTHS)
 def test_the_width_of_the_blur_counts_in_pixels(renderer: sg.Renderer, shape: str, grid: str, width: float) -> None:
     """Right; and every third pixel of a picture three times as large, whose low-pass is three times as wide."""
-    splats, settings = noise(grid, size=7), SPLATS.but(blur_width=width, tolerance=1e-4, **SHAPES[shape])
+    splats, settings = noise(grid, size=7), SPLATS.replace(blur_width=width, tolerance=1e-4, **SHAPES[shape])
     if "compositing" in SHAPES[shape]:
-        settings = settings.but(sheets=3)
+        settings = settings.replace(sheets=3)
     if shape == "table 1":
-        settings = settings.but(z_s=0.0)
+        settings = settings.replace(z_s=0.0)
     for view in ("far", "parallel, far"):
         camera = views(splats)[view]
         error, limit = off(renderer, splats, camera, settings)
@@ -106,9 +110,13 @@ def test_the_width_of_the_blur_counts_in_pixels(renderer: sg.Renderer, shape: st
         wide, high = camera.size
         small = renderer.render(splats, camera, settings).pixels
         if width * 3 <= 4:
-            large = renderer.render(splats, camera.resized((3 * wide, 3 * high)), settings.but(blur_width=3 * width))
+            large = renderer.render(
+                splats, camera.resized((3 * wide, 3 * high)), settings.replace(blur_width=3 * width)
+            )
             assert np.abs(large.pixels[1::3, 1::3] - small).max() <= 2e-3 * max(1.0, float(small.max())), view
-        assert np.abs(renderer.render(splats, camera, settings.but(blur_width=1.0)).pixels - small).max() > 0.01, view
+        assert np.abs(renderer.render(splats, camera, settings.replace(blur_width=1.0)).pixels - small).max() > 0.01, (
+            view
+        )
 
 
 def test_a_wider_blur_aliases_less_and_keeps_energy(renderer: sg.Renderer) -> None:
@@ -116,7 +124,7 @@ def test_a_wider_blur_aliases_less_and_keeps_energy(renderer: sg.Renderer) -> No
     energy, sums = [], []
     for splats in (noise(size=9), sg.Splats.from_points(np.zeros((1, 3)), np.ones((1, 3)), np.ones(1))):
         for width in (1.0, 2.0, 4.0):
-            pixels = renderer.render(splats, SAMPLED, SPLATS.but(blend="xray", blur_width=width)).pixels[..., 3]
+            pixels = renderer.render(splats, SAMPLED, SPLATS.replace(blend="xray", blur_width=width)).pixels[..., 3]
             fast = np.abs(np.fft.fftfreq(64)) > 1 / 8
             energy.append(float((np.abs(np.fft.fft2(pixels)) ** 2)[fast[:, None] | fast].sum()))
             sums.append(float(pixels.sum(dtype=np.float64)))
@@ -161,14 +169,14 @@ def test_faint_pictures_keep_their_bound(renderer: sg.Renderer, target: str, opa
     for view in ("fitted", "far", "parallel"):
         camera = views(splats)[view].resized((12, 9))
         for changes in ({"blend": "mip"}, {"blend": "xray"}, {"blend": "mip", "background": (0.2, 0.4, 0.6)}):
-            error, limit = off(renderer, splats, camera, SPLATS.but(target=target, **changes))
+            error, limit = off(renderer, splats, camera, SPLATS.replace(target=target, **changes))
             assert error <= limit, (view, changes)
 
 
 def test_nothing_over_a_background_keeps_its_bound(renderer: sg.Renderer) -> None:
     nothing = sg.Splats.from_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     camera = sg.Camera.look_at((0, -5, 0), (0, 0, 0), (0, 0, 1), size=(4, 3))
-    error, limit = off(renderer, nothing, camera, SPLATS.but(background=(0.2, 0.4, 0.6)))
+    error, limit = off(renderer, nothing, camera, SPLATS.replace(background=(0.2, 0.4, 0.6)))
     assert 0 < error <= limit < 1e-6
 
 
@@ -185,7 +193,7 @@ def test_very_oblique_pictures_keep_their_bound(
     for away in (0.3, 0.8):
         camera = sg.Camera.look_at(middle - out.forward * span * away, middle, (0, 0, 1), fov, size)
         for changes in ({}, {"blend": "xray"}, {"antialias": "off", "technique": "quads"}):
-            error, limit = off(renderer, splats, camera, SPLATS.but(**changes))
+            error, limit = off(renderer, splats, camera, SPLATS.replace(**changes))
             assert error <= limit, (away, changes)
 
 
@@ -194,12 +202,12 @@ def test_pictures_as_large_as_the_viewport(renderer: sg.Renderer, size: tuple[in
     """Tiles in bands of rows, against quads."""
     splats = noise(size=6)
     antialias = "supersample" if samples > 1 else "off"
-    settings = SPLATS.but(antialias=antialias, samples=samples, blend="xray")
+    settings = SPLATS.replace(antialias=antialias, samples=samples, blend="xray")
     camera = sg.Camera.orbit(splats, size=size, zoom=0.2)
-    quads = renderer.render(splats, camera, settings.but(technique="quads")).pixels
+    quads = renderer.render(splats, camera, settings.replace(technique="quads")).pixels
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("splatgl.gl.tiles.MOST_PIXELS", 2**14)
-        drawn = renderer.render(splats, camera, settings.but(technique="tiles")).pixels
+        drawn = renderer.render(splats, camera, settings.replace(technique="tiles")).pixels
     assert np.abs(drawn - quads).max() <= 1e-3 * quads.max()
 
 

@@ -14,7 +14,7 @@ from splatgl.gl.card_lists import CardLists
 from splatgl.gl.context import current
 from splatgl.gl.program import build_compute
 from splatgl.gl.shader import SORT_BLOCK
-from splatgl.gl.tiles import Band, Lister, ProjectedSplats, Spec
+from splatgl.gl.tiles import Lister, ProjectedSplats, Spec, TileBand
 from splatgl.planning import bricks as bricking
 from splatgl.planning.bricks import Bricks, bricks_of
 from tests.helpers.noise import noise
@@ -62,7 +62,7 @@ def test_lists_are_those_of_the_processor(processor: sg.Renderer, monkeypatch: p
     splats = noise("sheared", size=16, opacity=0.5)
     eye = splats.corners.mean(axis=0) + 6.0
     camera = sg.Camera.look_at(eye, splats.corners.mean(axis=0), (0, 0, 1), 60, (150, 90))
-    counted: list[tuple[Spec, Band, ProjectedSplats, int]] = []
+    counted: list[tuple[Spec, TileBand, ProjectedSplats, int]] = []
 
     def keep(lister: Lister, *given: Any) -> np.ndarray | None:
         counted.append(given)
@@ -70,7 +70,7 @@ def test_lists_are_those_of_the_processor(processor: sg.Renderer, monkeypatch: p
 
     original = Lister.count
     monkeypatch.setattr(Lister, "count", keep)
-    processor.render(splats, camera, SPLATS.but(technique="tiles", tolerance=1e-4))
+    processor.render(splats, camera, SPLATS.replace(technique="tiles", tolerance=1e-4))
     (spec, band, placed, count), *_ = counted
     lister = processor.passes.tiles.lister
     with current(processor.ctx):

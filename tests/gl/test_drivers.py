@@ -20,7 +20,7 @@ from driver_table import PICTURES, SCENES, SETTINGS, Subject
 import splatgl as sg
 from splatgl.gl import layer_quads, quads
 from splatgl.gl.layer_quads import LayerQuads
-from splatgl.planning.culling import Window
+from splatgl.planning.culling import PixelWindow
 
 # Mesa answers as an older driver
 DRIVERS = {
@@ -77,7 +77,7 @@ def test_pictures_are_those_of_float64(renderer: sg.Renderer, name: str) -> None
 @pytest.mark.parametrize("name", BY_QUADS)
 def test_quads_draw_them_too(renderer: sg.Renderer, name: str) -> None:
     subject, camera, settings = SUBJECT.scene(name)
-    image = renderer.render(subject, camera, settings.but(technique="quads"))
+    image = renderer.render(subject, camera, settings.replace(technique="quads"))
     assert image.info["technique"] == "quads"
     assert_right(name, image.pixels)
 
@@ -86,9 +86,9 @@ def test_quads_draw_them_too(renderer: sg.Renderer, name: str) -> None:
 def test_bands_and_slabs_make_no_difference(renderer: sg.Renderer, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Slots are reused from slab to slab; a band has its own."""
     subject, camera, settings = SUBJECT.scene(name)
-    settings = settings.but(technique="quads")
+    settings = settings.replace(technique="quads")
     whole = renderer.render(subject, camera, settings).pixels
-    bands: list[Window] = []
+    bands: list[PixelWindow] = []
     drawn = LayerQuads._band
 
     def counted(self: LayerQuads, *given: Any) -> None:
@@ -107,7 +107,7 @@ def test_bands_and_slabs_make_no_difference(renderer: sg.Renderer, name: str, mo
 def test_bands_of_sheets_make_no_difference(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     """The depths of meshes are those of the picture's rows, not of a band's."""
     subject, camera, settings = SUBJECT.scene("meshes")
-    settings = settings.but(technique="quads")
+    settings = settings.replace(technique="quads")
     whole = renderer.render(subject, camera, settings).pixels
     monkeypatch.setattr(quads, "MOST_PIXELS", 8 * SUBJECT.size[0])
     np.testing.assert_allclose(renderer.render(subject, camera, settings).pixels, whole, atol=2e-5)

@@ -48,7 +48,7 @@ def test_pinned_vectors(name: str, renderer: sg.Renderer, pinned: list[dict], pi
     h = kernel(NAMES[name])
     for vector in (v for v in pinned if v["kernel"] == name):
         splats = sg.Splats.from_points([vector["voxel"]], [[1, 1, 1]], [1.0])
-        image = renderer.render(splats, pinned_camera, SPLATS.but(blend="xray", kernel=NAMES[name], tolerance=1e-6))
+        image = renderer.render(splats, pinned_camera, SPLATS.replace(blend="xray", kernel=NAMES[name], tolerance=1e-6))
         i, j = vector["pixel"]
         m = max(1.0, vector["voxel"][2] / pinned_camera.z_k(1.0))
         peak = float(h.footprint(np.zeros(()))) / m**2
@@ -80,7 +80,7 @@ def test_two_thousand_voxels(name: str, renderer: sg.Renderer, pinned_camera: sg
         i, j, right, peak = single_footprints(h, voxels, pinned_camera)
         splats = sg.Splats.from_points(voxels, np.ones_like(voxels), np.ones(len(voxels)))
         for align in worst:
-            image = renderer.render(splats, pinned_camera, SPLATS.but(blend="xray", kernel=name, align=align))
+            image = renderer.render(splats, pinned_camera, SPLATS.replace(blend="xray", kernel=name, align=align))
             levels = LEVEL * np.abs(image.pixels[j, i, 3] - right) / peak
             worst[align] = max(worst[align], float(levels.max()))
     print(f"{name}: levels at worst {worst}")
@@ -117,7 +117,9 @@ def test_voxels_around_the_eye(name: str, renderer: sg.Renderer) -> None:
         voxel = direction / np.linalg.norm(direction) * 20 * rng.random() ** 2 + 0.1 * direction
         behind += voxel[2] < 0
         splats = sg.Splats.from_points([voxel], [[1, 1, 1]], [1.0])
-        image = renderer.render(splats, camera, SPLATS.but(blend="xray", kernel=name, align="exact", antialias="off"))
+        image = renderer.render(
+            splats, camera, SPLATS.replace(blend="xray", kernel=name, align="exact", antialias="off")
+        )
         right = half_line(h, voxel, rays)
         worst = max(worst, float(np.abs(image.pixels[..., 3] - right).max()) * LEVEL)
     print(f"{name}: {worst / float(h.footprint(np.zeros(()))):.4f} level at worst, {behind} voxels behind the plane")
@@ -169,7 +171,7 @@ def worst(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings:
     """Largest difference of either technique from row 1, relative to the largest Σ τ in xray."""
     right = sg.reference.render(splats, camera, settings).pixels
     assert right[..., 3].max() > 0.1
-    ways = [settings.but(technique=name, tolerance=FINEST) for name in ("quads", "tiles")]
+    ways = [settings.replace(technique=name, tolerance=FINEST) for name in ("quads", "tiles")]
     apart = [float(np.abs(renderer.render(splats, camera, way).pixels - right).max()) for way in ways]
     return max(apart) / (float(right.max()) if settings.blend == "xray" else 1.0)
 
@@ -190,7 +192,7 @@ def test_any_grid(grid: str, where: str, blend: str, renderer: sg.Renderer) -> N
         "inside": sg.Camera.look_at(middle + 0.1, middle + np.array([1, 2, 0.3]), (0, 0, 1), 80, (48, 48)),
         "orthographic": sg.Camera.orbit(splats, 30, 20, size=(16, 16)).parallel(splats),
     }[where]
-    assert worst(renderer, splats, camera, SPLATS.but(blend=blend)) < (3e-5 if where == "far" else 8e-6)
+    assert worst(renderer, splats, camera, SPLATS.replace(blend=blend)) < (3e-5 if where == "far" else 8e-6)
 
 
 @pytest.mark.few(2)
@@ -211,7 +213,7 @@ def test_second_order_beyond_z_k(grid: str, renderer: sg.Renderer) -> None:
 @pytest.mark.parametrize("attenuation", ["opacity", "optical-depth", "fill"])
 def test_attenuation(attenuation: str, renderer: sg.Renderer) -> None:
     camera = sg.Camera.orbit(noise("boxes"), 50, 10, size=(96, 96), zoom=1 / 8)
-    assert worst(renderer, noise("boxes"), camera, SPLATS.but(attenuation=attenuation)) < 3e-5
+    assert worst(renderer, noise("boxes"), camera, SPLATS.replace(attenuation=attenuation)) < 3e-5
 
 
 @pytest.mark.turns(2)
@@ -247,7 +249,7 @@ def test_scenes(name: str, planes: slice, blend: str, renderer: sg.Renderer) -> 
         volume = replace(volume, samples=some)
     splats = sg.extract(volume, transfer, classification="pre")
     camera = ViewOptions(size=(128, 128)).camera(volume, splats)
-    settings = SPLATS.but(blend=blend)
+    settings = SPLATS.replace(blend=blend)
     drawn = renderer.render(splats, camera, settings)
     found = sg.compare(drawn, sg.reference.render(splats, camera, settings))
     print(f"{name} {blend}: RMSE {found.rmse:.1e}, maximum {found.maximum:.1e}")

@@ -20,8 +20,8 @@ def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, look: tuple[float, ..
     splats = noise(grid, size=18, opacity=0.3)
     camera = inside(splats, look)
     assert renderer.plan(splats, camera, SPLATS).program.seen.half_line
-    settings = SPLATS.but(blend=blend, order="front-to-back", occlusion="off")
-    tiles, quads = (renderer.render(splats, camera, settings.but(technique=t)).pixels for t in ("tiles", "quads"))
+    settings = SPLATS.replace(blend=blend, order="front-to-back", occlusion="off")
+    tiles, quads = (renderer.render(splats, camera, settings.replace(technique=t)).pixels for t in ("tiles", "quads"))
     assert quads.max() > 0.05
     assert np.abs(tiles - quads).max() < 5e-5 * max(quads.max(), 1.0)
 
@@ -33,8 +33,8 @@ def test_point_clouds(renderer: sg.Renderer) -> None:
     for look in LOOKS:
         camera = inside(cloud, look)
         assert renderer.plan(cloud, camera, SPLATS).program.seen.half_line
-        quads = renderer.render(cloud, camera, SPLATS.but(technique="quads", order="front-to-back")).pixels
-        tiles = renderer.render(cloud, camera, SPLATS.but(technique="tiles", occlusion="off")).pixels
+        quads = renderer.render(cloud, camera, SPLATS.replace(technique="quads", order="front-to-back")).pixels
+        tiles = renderer.render(cloud, camera, SPLATS.replace(technique="tiles", occlusion="off")).pixels
         assert np.abs(tiles - quads).max() < 5e-5
 
 
@@ -67,9 +67,9 @@ def test_a_kernel_that_no_plane_cuts_is_not_left_out(renderer: sg.Renderer) -> N
         dot = sg.Splats.from_points([[0.0, 0, 0]], [[1.0, 1, 1]], [1.0], spacing=(1.0, 0.5, 2.0))
         eye = rng.normal(size=3) * 2
         camera = sg.Camera.look_at(eye, eye + rng.normal(size=3), rng.normal(size=3), rng.uniform(20, 150), (12, 9))
-        right = sg.reference.render(dot, camera, SPLATS.but(blend="xray", antialias="off")).pixels
-        chosen = sg.plan(dot, camera, SPLATS.but(blend="xray", antialias="off"))
+        right = sg.reference.render(dot, camera, SPLATS.replace(blend="xray", antialias="off")).pixels
+        chosen = sg.plan(dot, camera, SPLATS.replace(blend="xray", antialias="off"))
         v = chosen.view.voxels(dot.positions)
         assert Frustum.of(chosen.view).may_show(v)[0] or right.max() == 0
-        drawn = renderer.render(dot, camera, SPLATS.but(blend="xray", antialias="off", technique="tiles")).pixels
+        drawn = renderer.render(dot, camera, SPLATS.replace(blend="xray", antialias="off", technique="tiles")).pixels
         assert np.abs(drawn - right).max() <= 5e-4 * max(right.max(), 1e-3)

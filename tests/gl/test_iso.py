@@ -55,7 +55,7 @@ def distance_of(camera: sg.Camera) -> np.ndarray:
 def draw(renderer: sg.Renderer, card: sg.Renderer) -> Any:
     def pixels(way: tuple[str, str], subject: Any, camera: sg.Camera, settings: sg.Settings = EXACT) -> np.ndarray:
         on = card if way[1] == "card" else renderer
-        return on.render(subject, camera, settings.but(technique=way[0])).pixels
+        return on.render(subject, camera, settings.replace(technique=way[0])).pixels
 
     return pixels
 
@@ -102,7 +102,7 @@ def test_a_thin_layer_is_crossed_twice_within_a_sheet(draw: Any, way: tuple[str,
     middle = np.array([9.5, 9.5, 9.6])
     for away, sheets in itertools.product((40.0, 40.13, 40.25), (2, 4)):
         camera = sg.Camera.orthographic(middle - (0, away, 0), middle, (0, 0, 1), height=8, size=(8, 8))
-        assert np.abs(draw(way, splats, camera, EXACT.but(sheets=sheets))[..., 3] - 0.75).max() < 1e-5
+        assert np.abs(draw(way, splats, camera, EXACT.replace(sheets=sheets))[..., 3] - 0.75).max() < 1e-5
 
 
 @pytest.mark.few(1)
@@ -113,7 +113,7 @@ def test_surfaces_a_fiftieth_of_a_voxel_apart_are_both_drawn(draw: Any, way: tup
     splats, middle = sg.extract(sg.Volume(ramp), look), np.full(3, 5.5)
     for away in (30.0, 30.37, -30.0):
         camera = sg.Camera.orthographic(middle - (0, away, 0), middle, (0, 0, 1), height=4, size=(4, 4))
-        assert np.abs(draw(way, splats, camera, EXACT.but(sheets=2))[..., 3] - 0.75).max() < 1e-5
+        assert np.abs(draw(way, splats, camera, EXACT.replace(sheets=2))[..., 3] - 0.75).max() < 1e-5
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -135,7 +135,7 @@ def test_a_clip_plane_opens_it(draw: Any, way: tuple[str, str]) -> None:
     """Where it is cut, a half-transparent surface is crossed once."""
     camera = parallel(away=(0.0, -1.0, 0.0))
     splats = sg.extract(ball(), surface((20 - RADIUS, "red", 0.5)))
-    pixels = draw(way, splats, camera, EXACT.but(clip=[(0, 1, 0, CENTER[1])]))
+    pixels = draw(way, splats, camera, EXACT.replace(clip=[(0, 1, 0, CENTER[1])]))
     inside = distance_of(camera) < RADIUS - 0.3
     assert np.abs(pixels[inside, 3] - 0.5).max() < 1e-5
 
@@ -180,7 +180,7 @@ AGREEING = [
 @pytest.mark.few(5)
 @pytest.mark.parametrize(("kind", "change", "way"), AGREEING)
 def test_pictures_agree_with_float64(draw: Any, kind: str, change: str, way: tuple[str, str]) -> None:
-    settings, camera = EXACT.but(**CHANGES[change]), parallel(size=24)
+    settings, camera = EXACT.replace(**CHANGES[change]), parallel(size=24)
     splats = sg.extract(ball(), SUBJECTS[kind])
     right = sg.reference.render(splats, camera, settings).pixels
     off = np.abs(draw(way, splats, camera, settings) - right).max(axis=-1)
@@ -225,7 +225,7 @@ def test_bricks_and_parts_of_a_picture_agree_with_float64(
 ) -> None:
     """Parts as workers draw them, between whose sheets surfaces pass."""
     monkeypatch.setattr(bricks, "BATCH", 200)
-    volume, camera, settings = ball(), parallel(size=24), EXACT.but(occlusion="off")
+    volume, camera, settings = ball(), parallel(size=24), EXACT.replace(occlusion="off")
     right = sg.reference.render(sg.extract(volume, SUBJECTS[kind]), camera, settings).pixels
     found = bricks.bricks_of(volume, SUBJECTS[kind], settings)
     assert found is not None
@@ -236,7 +236,7 @@ def test_bricks_and_parts_of_a_picture_agree_with_float64(
     shells = some.shells(chosen.resolved.sheets, chosen.view, 4)
     reached = [some.within(chosen.resolved.sheets, chosen.view, shell) for shell in shells]
     parts = [PicturePart.of(renderer.render_part(each, camera, settings), sum(each.found.values())) for each in reached]
-    joined = reduce(partial(join_parts, chosen.program.look.join), parts)
+    joined = reduce(partial(join_parts, chosen.program.appearance.join), parts)
     picture = renderer.render_joined(some, camera, settings, joined.whole, joined.splats)
     assert len(parts) == 4 and right[..., 3].max() > 0.5
     # at a rim, float32 may find or miss a pair of crossings
@@ -251,7 +251,7 @@ def test_layers_composite_at_their_depth(draw: Any, way: tuple[str, str]) -> Non
     fog = sg.Volume(np.ones((SIZE,) * 3, np.float32))
     layers = [sg.Layer(ball(), surface((12.0, "red", 0.5))), sg.Layer(fog, sg.Transfer([(0, 0.1), (1, 0.1)], "white"))]
     scene, camera = sg.Scene(layers), parallel(size=20, away=(0.0, -1.0, 0.0))
-    settings = EXACT.but(shading="off", background=None)
+    settings = EXACT.replace(shading="off", background=None)
     drawn = draw(way, scene, camera, settings)
     right = sg.reference.render(scene, camera, settings).pixels
     assert np.abs(drawn - right).max() < 2e-3
@@ -321,7 +321,10 @@ def test_nothing_is_compiled_without_surfaces() -> None:
     volume = ball(12)
     camera = parallel(size=8)
     plain = sg.plan(sg.extract(volume, sg.Transfer([(8, 0), (15, 0.5)])), camera)
-    assert not plain.program.look.iso and sg.plan(sg.extract(volume, surface((15.0, "", 0.5))), camera).program.look.iso
+    assert (
+        not plain.program.appearance.iso
+        and sg.plan(sg.extract(volume, surface((15.0, "", 0.5))), camera).program.appearance.iso
+    )
 
 
 def test_few_voxels_are_kept() -> None:

@@ -105,7 +105,7 @@ def test_values_around_the_eye(blend: str, most: float) -> None:
     errors = []
     for seed in range(8):
         splats, camera, right = scene(seed, blend=blend)
-        drawn = sg.reference.render(splats, camera, PLAIN.but(blend=blend)).pixels
+        drawn = sg.reference.render(splats, camera, PLAIN.replace(blend=blend)).pixels
         errors.append(np.sqrt(np.mean((drawn - right)[..., 3] ** 2)))
     assert np.mean(errors) < most
 
@@ -174,7 +174,7 @@ def test_a_ramp_around_the_eye(look: tuple[float, ...]) -> None:
 def test_opengl_draws_what_the_reference_does(renderer: sg.Renderer, technique: str, where: str, blend: str) -> None:
     for seed in (0, 1):
         splats, camera, _ = scene(seed, where, blend)
-        settings = PLAIN.but(technique=technique, blend=blend)
+        settings = PLAIN.replace(technique=technique, blend=blend)
         found = renderer.render(splats, camera, settings, verify_bound=False).pixels
         right = sg.reference.render(splats, camera, settings).pixels
         assert right[..., 3].max() > 0.1 and np.abs(found - right).max() < 1e-3
@@ -184,14 +184,14 @@ def test_opengl_draws_what_the_reference_does(renderer: sg.Renderer, technique: 
 def test_the_field_is_linear_between_the_rays_of_a_grid(renderer: sg.Renderer) -> None:
     """Where pixels are closer together than the field bends, it is taken for some of them."""
     splats, camera, _ = scene(0)
-    settings = PLAIN.but(technique="tiles", sheets=3, steps=2)
+    settings = PLAIN.replace(technique="tiles", sheets=3, steps=2)
     fine = sg.Camera(camera.eye, camera.eye_from_world, (96, 80), camera.extent)
     drawn = []
     for tolerance, least, most in ((1 / 255, 2, 9), (1e-6, 1, 1)):
-        chosen = renderer.plan(splats, fine, settings.but(tolerance=tolerance))
+        chosen = renderer.plan(splats, fine, settings.replace(tolerance=tolerance))
         near = NearField.of(splats, chosen.view, chosen.resolved.sheets)
         assert least <= grid_step(near, chosen) <= most
-        drawn.append(renderer.render(splats, fine, settings.but(tolerance=tolerance), verify_bound=False).pixels)
+        drawn.append(renderer.render(splats, fine, settings.replace(tolerance=tolerance), verify_bound=False).pixels)
     assert drawn[0][..., 3].max() > 0.1 and np.abs(drawn[0] - drawn[1]).max() < 1 / 255
 
 
@@ -205,7 +205,9 @@ def test_it_is_continuous_as_the_eye_moves(renderer: sg.Renderer) -> None:
     for place in [*places[0], *places[1]]:
         eye = middle + np.array([place, 0.3, 0.2])
         camera = sg.Camera.look_at(eye, middle, (0, 0, 1), 40, (6, 6))
-        drawn.append(renderer.render(splats, camera, PLAIN.but(technique="tiles"), verify_bound=False).pixels[..., 3])
+        drawn.append(
+            renderer.render(splats, camera, PLAIN.replace(technique="tiles"), verify_bound=False).pixels[..., 3]
+        )
     bends = [np.abs(np.diff(np.stack(part), 2, axis=0)).max() for part in (drawn[:40], drawn[40:])]
     assert np.ptp(np.stack(drawn)) > 0.05 and max(bends) < 2e-3
 
@@ -218,7 +220,7 @@ def test_portions_bricks_and_bands_are_the_whole(renderer: sg.Renderer, monkeypa
     splats = sg.extract(volume, transfer)
     eye = (np.array(cells.shape[::-1]) - 1) / 2 + 0.2
     camera = sg.Camera.look_at(eye, eye + np.array([1, 0.4, 0.3]), (0, 0, 1), 80, (40, 30))
-    settings = PLAIN.but(technique="tiles", occlusion="off")
+    settings = PLAIN.replace(technique="tiles", occlusion="off")
     right = renderer.render(splats, camera, settings, verify_bound=False).pixels
     assert right[..., 3].max() > 0.2
     with monkeypatch.context() as patch:
@@ -259,5 +261,5 @@ def test_nothing_near_costs_nothing(renderer: sg.Renderer, monkeypatch: pytest.M
     hollow = sg.Camera.look_at((14.2, 14.1, 14.3), (20, 15, 16), (0, 0, 1), 60, (12, 10))
     outside = sg.Camera.orbit(splats, 30, 20, size=(12, 10))
     for camera, is_near in ((hollow, False), (outside, False), (replace(hollow, eye=np.array([6.0, 14, 14])), True)):
-        renderer.render(splats, camera, PLAIN.but(technique="tiles"), verify_bound=False)
+        renderer.render(splats, camera, PLAIN.replace(technique="tiles"), verify_bound=False)
         assert (fields.pop() is not None) == is_near

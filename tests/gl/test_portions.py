@@ -37,7 +37,7 @@ def test_a_picture_can_be_cancelled_between_portions(processor: sg.Renderer, kin
     splats = noise(size=20, opacity=0.9)
     camera = views(splats)["fitted"]
     for change in ({}, {"occlusion": "off"}, {"blend": "xray"}):
-        settings = SPLATS.but(technique=kind, **change)
+        settings = SPLATS.replace(technique=kind, **change)
         right = processor.render(splats, camera, settings).pixels
         asked: list[bool] = []
         counted = processor.render(splats, camera, settings, interrupted=partial(record, asked)).pixels
@@ -54,7 +54,7 @@ def test_too_many_that_flow_are_refused(renderer: sg.Renderer, monkeypatch: pyte
     """Their flow is kept beside their records, whole."""
     splats = noise(size=8, opacity=0.5)
     flow = sg.Motion(flow=np.full((len(splats), 3), 0.1))
-    settings = SPLATS.but(motion="exact")
+    settings = SPLATS.replace(motion="exact")
     renderer.render(splats, views(splats)["fitted"], settings, motion=flow)
     monkeypatch.setattr(quads, "MOST_KEPT", len(splats) - 1)
     with pytest.raises(sg.InputError, match=r"^splats: expected at most \d+ that flow, got \d+; raise the"):
@@ -142,7 +142,7 @@ def test_too_many_splats_to_be_kept_are_drawn_in_chunks(
     splats = noise(size=14, opacity=0.5)
     for view in ("fitted", "far"):
         camera = views(splats)[view]
-        settings = SPLATS.but(technique=kind, occlusion="off", order="front-to-back", **change)
+        settings = SPLATS.replace(technique=kind, occlusion="off", order="front-to-back", **change)
         whole = renderer.render(splats, camera, settings).pixels
         with monkeypatch.context() as patched:
             for module in (buffers, tiles):

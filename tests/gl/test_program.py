@@ -50,11 +50,11 @@ def programs() -> set[Program]:
     for grid in GRIDS:
         splats = noise(grid, size=4, opacity=0.5)
         for camera, change in itertools.product(cameras_of(splats), wanted):
-            settings = SPLATS.but(**dict(change))
+            settings = SPLATS.replace(**dict(change))
             found |= {sg.plan(splats, camera, settings, tiles=tiles).program for tiles in (True, None)}
             if settings.align == "auto":
                 for motion in MOTIONS:
-                    found.add(sg.plan(splats, camera, settings.but(motion=motion), moves).program)
+                    found.add(sg.plan(splats, camera, settings.replace(motion=motion), moves).program)
     return found
 
 
@@ -69,11 +69,13 @@ def of_sheets() -> set[Program]:
             changes = itertools.product((2, 3, 4), (1 / 255, 1e-6), ("on", "off"), ("auto", "optical-depth"))
             cameras = cameras_of(splats)
             for count, tolerance, shading, attenuation in changes:
-                settings = SPLATS.but(classification="auto", compositing="sheets", sheets=count, tolerance=tolerance)
-                settings = settings.but(shading=shading, attenuation=attenuation)
+                settings = SPLATS.replace(
+                    classification="auto", compositing="sheets", sheets=count, tolerance=tolerance
+                )
+                settings = settings.replace(shading=shading, attenuation=attenuation)
                 joined = splats.post is not None and shading == "off" and attenuation == "auto"
                 found |= {
-                    sg.plan(splats, camera, settings.but(blend=name), tiles=tiles).program
+                    sg.plan(splats, camera, settings.replace(blend=name), tiles=tiles).program
                     for name in BLENDS
                     if name == "composite" or (joined and sg.Settings(blend=name).shows_value)
                     for camera in cameras
@@ -91,10 +93,10 @@ def distinct(found: set[Program]) -> set[tuple[object, ...]]:
         if program.technique == "tiles":
             parts = [("tile_project.frag", "ORDERED"), ("tile_project.frag", "CULLED")]
             kinds = [("sheet_draw.comp", "CARRIED"), ("sheet_sort.comp", "COUNTING"), ("sheet_sort.comp", "CLUSTERED")]
-            parts += kinds if program.look.sheets else [("tile_draw.comp", "CARRIED")]
-        elif program.look.sheets:
+            parts += kinds if program.appearance.sheets else [("tile_draw.comp", "CARRIED")]
+        elif program.appearance.sheets:
             parts = [("sheet_close.frag", "SHEETS")]
-            parts += [("sheet_show.frag", "SHEETS")] * program.look.shows_value
+            parts += [("sheet_show.frag", "SHEETS")] * program.appearance.shows_value
         for name, more in parts:
             read = {**switches, more: switches.get(more, True)}
             keys.add((name, *((s, read[s]) for s in sorted(declared_switches(name) & read.keys()))))

@@ -16,7 +16,7 @@ from splatgl.data.scenes import letter_f
 from splatgl.gl.buffers import uneven
 from splatgl.gl.target import settle
 from splatgl.planning.plan import plan
-from splatgl.splat.motion import Moments
+from splatgl.splat.motion import Supersampling
 from splatgl.viewer.adaptive_quality import return_free_memory, return_large_blocks
 from tests.helpers.memory import resident_mebibytes
 from tests.helpers.splatting import SPLATS
@@ -43,9 +43,9 @@ def letter() -> sg.Splats:
 )
 def test_bad_settings(asked: dict, message: str) -> None:
     with pytest.raises(sg.InputError, match=message):
-        SPLATS.but(**asked)
+        SPLATS.replace(**asked)
     with pytest.raises(sg.InputError, match="names of Settings"):
-        SPLATS.but(colour="red")  # type: ignore[call-arg]
+        SPLATS.replace(colour="red")  # type: ignore[call-arg]
 
 
 def test_plan_leaves_out_what_is_not_needed(letter: sg.Splats) -> None:
@@ -53,25 +53,25 @@ def test_plan_leaves_out_what_is_not_needed(letter: sg.Splats) -> None:
     far = sg.Camera.orbit(letter, size=(40, 40))
     assert not plan(letter, near, SPLATS).program.seen.antialias
     assert plan(letter, far, SPLATS).program.seen.antialias
-    assert not plan(letter, far, SPLATS.but(antialias="off")).program.seen.antialias
+    assert not plan(letter, far, SPLATS.replace(antialias="off")).program.seen.antialias
     assert plan(letter, far, SPLATS).program.seen.cubic
-    assert plan(letter, far, SPLATS).program.look.shading
-    assert not plan(letter, far, SPLATS.but(blend="mip")).program.look.shading
+    assert plan(letter, far, SPLATS).program.appearance.shading
+    assert not plan(letter, far, SPLATS.replace(blend="mip")).program.appearance.shading
     assert plan(letter, near.parallel(letter)).program.align == "grid"
     assert "widening of voxels left out" in plan(letter, near, SPLATS).explain()
     # supersampling moves z_k to the finer pixel
-    assert not plan(letter, far, SPLATS.but(antialias="supersample", samples=10)).program.seen.antialias
+    assert not plan(letter, far, SPLATS.replace(antialias="supersample", samples=10)).program.seen.antialias
 
 
 def test_auto_never_picks_grid(letter: sg.Splats) -> None:
     assert plan(letter, sg.Camera.orbit(letter)).program.align == "exact"
-    assert plan(letter, sg.Camera.orbit(letter), SPLATS.but(tolerance=1.0)).program.align == "exact"
+    assert plan(letter, sg.Camera.orbit(letter), SPLATS.replace(tolerance=1.0)).program.align == "exact"
 
 
 def test_leaving_antialiasing_out_changes_nothing(letter: sg.Splats, renderer: sg.Renderer) -> None:
     """Every splat before z_k: with and without, bit for bit the same."""
     camera = sg.Camera.orbit(letter, 30, 20, size=(150, 150))
-    settings = SPLATS.but(technique="quads")
+    settings = SPLATS.replace(technique="quads")
     chosen = plan(letter, camera, settings)
     assert not chosen.program.seen.antialias
     # one far splat forces it on; the rest of the picture must stay
@@ -101,7 +101,7 @@ def test_programs_used_longest_ago_are_freed_and_compiled_again(monkeypatch: pyt
     splats = sg.extract(sg.scenes.ball(6), sg.default_transfer(sg.scenes.ball(6)))
     camera = sg.Camera.orbit(splats, size=(24, 24))
     many = [
-        SPLATS.but(blend=blend, technique=technique, samples=2, antialias="supersample")
+        SPLATS.replace(blend=blend, technique=technique, samples=2, antialias="supersample")
         for technique in ("tiles", "quads")
         for blend in ("composite", "xray", "mip")
     ]
@@ -145,7 +145,7 @@ def test_a_moving_camera_compiles_and_makes_nothing(letter: sg.Splats, renderer:
 def test_pictures_repeat_bit_for_bit(letter: sg.Splats, renderer: sg.Renderer) -> None:
     camera = sg.Camera.orbit(letter, 30, 20, size=(64, 64))
     once = renderer.render(letter, camera, SPLATS).pixels
-    renderer.render(letter, sg.Camera.orbit(letter, 200, -40, size=(32, 64)), SPLATS.but(blend="xray"))
+    renderer.render(letter, sg.Camera.orbit(letter, 200, -40, size=(32, 64)), SPLATS.replace(blend="xray"))
     assert (renderer.render(letter, camera, SPLATS).pixels == once).all()
 
 
@@ -166,7 +166,7 @@ def test_nothing_is_left_behind(letter: sg.Splats) -> None:
     with sg.Renderer() as renderer:
         for blend in ("composite", "xray", "mip"):
             for size in ((16, 16), (20, 10)):
-                settings = SPLATS.but(blend=blend, antialias="supersample", samples=2, kernel="gaussian")
+                settings = SPLATS.replace(blend=blend, antialias="supersample", samples=2, kernel="gaussian")
                 renderer.render(letter, sg.Camera.orbit(letter, size=size), settings)
         assert alive() > before
         kept = renderer
@@ -179,7 +179,7 @@ def test_no_splats_is_the_background(renderer: sg.Renderer) -> None:
     nothing = sg.extract(sg.Volume(np.zeros((4, 4, 4))), sg.Transfer([(0, 0), (1, 1)]), classification="pre")
     assert len(nothing) == 0
     volume = sg.Volume(np.zeros((4, 4, 4)))
-    image = renderer.render(nothing, sg.Camera.orbit(volume, size=(8, 8)), SPLATS.but(background=(0.5, 0, 1)))
+    image = renderer.render(nothing, sg.Camera.orbit(volume, size=(8, 8)), SPLATS.replace(background=(0.5, 0, 1)))
     assert (image.pixels == np.array([0.5, 0, 1, 1], np.float32)).all()
     assert (renderer.render(nothing, sg.Camera.orbit(nothing, size=(8, 8)), SPLATS).pixels == 0).all()
 
@@ -190,10 +190,10 @@ def test_a_picture_tells_whether_its_tolerance_is_met(letter: sg.Splats, rendere
     met = {}
     for name, settings in {
         "auto": SPLATS,
-        "coarse": SPLATS.but(target="rgba8", tolerance=1e-6),
+        "coarse": SPLATS.replace(target="rgba8", tolerance=1e-6),
         "paper": sg.Settings.paper(),
-        "xray": SPLATS.but(blend="xray"),
-        "grid xray": SPLATS.but(blend="xray", align="grid"),
+        "xray": SPLATS.replace(blend="xray"),
+        "grid xray": SPLATS.replace(blend="xray", align="grid"),
     }.items():
         image = renderer.render(letter, camera, settings)
         top = image.pixels.max() if settings.blend == "xray" else 1.0
@@ -202,7 +202,7 @@ def test_a_picture_tells_whether_its_tolerance_is_met(letter: sg.Splats, rendere
     assert met == {"auto": True, "coarse": False, "paper": False, "xray": True, "grid xray": False}
     bright = replace(letter, records=letter.records.copy())
     bright.records["optical_depth"] *= 300
-    image = renderer.render(bright, camera, SPLATS.but(blend="xray"))
+    image = renderer.render(bright, camera, SPLATS.replace(blend="xray"))
     assert image.info["error_bound"] > image.info["tolerance"] and image.info["tolerance_met"] is True
 
 
@@ -212,7 +212,7 @@ def test_aliasing_is_not_counted(letter: sg.Splats, renderer: sg.Renderer) -> No
     for size in ((12, 9), (200, 150)):
         camera = sg.Camera.orbit(letter, 20, 30, size=size)
         for name in ("off", "auto", "paper", "supersample"):
-            image = renderer.render(letter, camera, SPLATS.but(antialias=name, samples=2), verify_bound=False)
+            image = renderer.render(letter, camera, SPLATS.replace(antialias=name, samples=2), verify_bound=False)
             assert ("aliasing is not counted" in _error(image)) is ("aliasing is not counted" in str(image.accuracy))
             told |= {(name, size[0])} if "aliasing" in _error(image) else set()
     # in the larger one voxels are wider than pixels
@@ -222,7 +222,7 @@ def test_aliasing_is_not_counted(letter: sg.Splats, renderer: sg.Renderer) -> No
 def test_without_a_bound_no_tolerance_is_met(letter: sg.Splats, renderer: sg.Renderer) -> None:
     inside = sg.Camera.look_at(letter.corners.mean(axis=0), letter.corners[0], (0, 0, 1), size=(12, 9))
     motion = sg.Motion(spin=np.array([0.0, 0.0, 3.0]), center=letter.corners.mean(axis=0))
-    image = renderer.render(letter, inside, SPLATS.but(motion="exact"), motion)
+    image = renderer.render(letter, inside, SPLATS.replace(motion="exact"), motion)
     assert image.info["error_bound"] is None and image.info["tolerance_met"] is None
 
 
@@ -234,11 +234,11 @@ def test_no_splats_is_the_background_whatever_draws_them(technique: str, rendere
     for eye in ((0, -5, 0), (0, 0.1, 0), (0, -1e20, 0)):
         camera = sg.Camera.look_at(eye, (0, 0, 0), (0, 0, 1), size=(9, 8))
         for changes in ({}, {"footprint": "table"}, {"align": "hybrid"}, {"antialias": "supersample", "samples": 2}):
-            settings = SPLATS.but(technique=technique, background=ground, **changes)
+            settings = SPLATS.replace(technique=technique, background=ground, **changes)
             image = renderer.render(nothing, camera, settings)
             assert (image.pixels == np.array([*ground, 1], np.float32)).all(), (eye, changes)
             assert image.info["error_bound"] <= 1e-6 and image.info["tolerance_met"] is True
-            assert (renderer.render(nothing, camera, settings.but(blend="xray")).pixels == 0).all()
+            assert (renderer.render(nothing, camera, settings.replace(blend="xray")).pixels == 0).all()
 
 
 @pytest.mark.long
@@ -265,7 +265,7 @@ def test_eye_inside_the_volume(renderer: sg.Renderer) -> None:
     splats = sg.extract(volume, sg.Transfer([(0, 0.05)], unit=1.0, shading=False), classification="pre")
     camera = sg.Camera.look_at((9.5, 9.5, 9.5), (9.5, 9.5, 30), (0, 1, 0), 90, (32, 32))
     for align in ("ray", "grid"):
-        pixels = renderer.render(splats, camera, SPLATS.but(align=align)).pixels
+        pixels = renderer.render(splats, camera, SPLATS.replace(align=align)).pixels
         assert np.isfinite(pixels).all()
         # half the way through: about 1 − 0.95^10, less what the nearest splats' quads lose behind the eye
         assert pixels[..., 3].mean() == pytest.approx(1 - 0.95**10, abs=0.12)
@@ -274,7 +274,7 @@ def test_eye_inside_the_volume(renderer: sg.Renderer) -> None:
 def test_size_beyond_opengl(letter: sg.Splats, renderer: sg.Renderer) -> None:
     with pytest.raises(sg.InputError, match="image size: expected at most"):
         renderer.render(letter, sg.Camera.orbit(letter, size=(1_000_000, 2)), SPLATS)
-    settings = SPLATS.but(antialias="supersample", samples=64)
+    settings = SPLATS.replace(antialias="supersample", samples=64)
     with pytest.raises(sg.InputError, match="image size: expected at most"):
         renderer.render(letter, sg.Camera.orbit(letter, size=(4096, 2)), settings)
 
@@ -315,7 +315,7 @@ def test_egl_and_osmesa_draw_the_same_bits(letter: sg.Splats, renderer: sg.Rende
         if other.info.version.split("Mesa")[-1] != renderer.info.version.split("Mesa")[-1]:
             pytest.skip(f"two drivers: {renderer.info.version} and {other.info.version}")
         camera = sg.Camera.orbit(letter, 30, 20, size=(64, 64))
-        for settings in (SPLATS, SPLATS.but(blend="xray"), sg.Settings.paper()):
+        for settings in (SPLATS, SPLATS.replace(blend="xray"), sg.Settings.paper()):
             pictures = [each.render(letter, camera, settings).pixels for each in (renderer, other)]
             assert (pictures[0] == pictures[1]).all()
 
@@ -347,7 +347,7 @@ def test_the_last_few_splats_stay(renderer: sg.Renderer, monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("technique", ["quads", "tiles"])
 def test_what_is_freed_is_made_again(letter: sg.Splats, renderer: sg.Renderer, technique: str) -> None:
-    camera, settings = sg.Camera.orbit(letter, size=(40, 30)), SPLATS.but(technique=technique)
+    camera, settings = sg.Camera.orbit(letter, size=(40, 30)), SPLATS.replace(technique=technique)
     once = renderer.render(letter, camera, settings).pixels
     assert renderer.passes.device.splats.kept
     renderer.free()
@@ -407,7 +407,7 @@ def test_the_mean_of_moments_carries_the_mean_of_their_bounds(letter: sg.Splats,
     motion = sg.Motion(spin=np.array([0.0, 0.0, 9.0]), center=letter.corners.mean(axis=0))
     for tolerance, met in ((1 / 255, True), (1e-9, False)):
         each.clear()
-        info = Moments(draw, motion, count=3)(letter, camera, SPLATS.but(tolerance=tolerance)).info
+        info = Supersampling(draw, motion, count=3)(letter, camera, SPLATS.replace(tolerance=tolerance)).info
         bounds = [image.info["error_bound"] for image in each]
         assert len(set(bounds)) == 3 and info["error_bound"] == pytest.approx(np.mean(bounds))
         assert info["tolerance_met"] is met

@@ -14,8 +14,8 @@ from splatgl.geometry.view import tangents
 from splatgl.gl.sheet_tiles import SheetOrder
 from splatgl.planning import clusters as clustering
 from splatgl.planning import technique as techniques
-from splatgl.planning.clusters import INSIDE, NAME_BITS, SIDE_BITS, Clusters, Part
-from splatgl.planning.culling import Window
+from splatgl.planning.clusters import INSIDE, NAME_BITS, SIDE_BITS, Clusters, RoundSplats
+from splatgl.planning.culling import PixelWindow
 from splatgl.planning.plan import Plan
 from splatgl.planning.technique import COLUMNS, ROWS
 from tests.helpers.noise import GRIDS, LOOKS, inside, noise, views
@@ -116,13 +116,13 @@ def test_bounds_of_clusters_hold_what_their_splats_reach(kind: str) -> None:
     number = found.names & ((1 << NAME_BITS) - 1)
     cluster = np.repeat(np.arange(len(found.begin) - 1), np.diff(found.begin))
     for name, camera in cameras(splats).items():
-        plan = sg.plan(splats, camera, WHOLE.but(technique="tiles"), tiles=True)
+        plan = sg.plan(splats, camera, WHOLE.replace(technique="tiles"), tiles=True)
         sheets = plan.resolved.sheets
         assert sheets is not None
         first, last = found.sheets(plan.view, sheets)
         base = sheets.base(sheets.places(plan.view, splats.positions[number]))
         assert (first[cluster] < base).all() and (base < last[cluster]).all(), name
-        window = Window(8, 8, 16, 16)
+        window = PixelWindow(8, 8, 16, 16)
         rectangle = found.tiles(plan.view, window)[:, cluster]
         low, high = (ends[:, number] for ends in seen_tiles(splats, plan))
         for axis, (start, many, side) in enumerate(((window.x, 2, COLUMNS), (window.y, 2, ROWS))):
@@ -151,10 +151,10 @@ def test_rounds_draw_what_all_splats_draw(
     """No visible cluster is left out, wherever the eye is; and the same bits twice."""
     splats = cloud(kind)
     for name in names:
-        camera, settings = cameras(splats)[name], WHOLE.but(antialias="auto" if name == "far" else "off")
+        camera, settings = cameras(splats)[name], WHOLE.replace(antialias="auto" if name == "far" else "off")
         whole = processor.render(splats, camera, settings, verify_bound=False).pixels
         assert not many_rounds
-        settings = settings.but(occlusion="auto")
+        settings = settings.replace(occlusion="auto")
         ended = [processor.render(splats, camera, settings, verify_bound=False).pixels for _ in range(2)]
         cutoff = processor.plan(splats, camera, settings).hiding.cutoff
         assert len(many_rounds) > 5 and (ended[0] == ended[1]).all()
@@ -169,7 +169,7 @@ def test_rounds_are_the_float64_picture(
 ) -> None:
     monkeypatch.setattr(clustering, "LEAST", 40)
     splats = cloud("voxels", 8)
-    camera, settings = cameras(splats)[name].resized((12, 9)), WHOLE.but(occlusion="auto")
+    camera, settings = cameras(splats)[name].resized((12, 9)), WHOLE.replace(occlusion="auto")
     found = processor.render(splats, camera, settings, verify_bound=False).pixels
     right = sg.reference.render(splats, camera, settings).pixels
     assert right[..., 3].max() > 0.1 and np.abs(found - right).max() < 2e-5
@@ -194,7 +194,7 @@ def test_what_is_behind_terminated_tiles_or_beside_the_picture_is_not_sorted(
     # only the wall's middle is in the picture
     camera = sg.Camera.look_at(eye, middle, (0, 1, 0), 3.0, (48, 48))
     processor.render(splats, camera, WHOLE, verify_bound=False)
-    ended = processor.render(splats, camera, WHOLE.but(occlusion="auto"), verify_bound=False).pixels
+    ended = processor.render(splats, camera, WHOLE.replace(occlusion="auto"), verify_bound=False).pixels
     assert ended[..., 3].min() > 0.99
     sorted_, placed = (sum(column) for column in zip(*many_rounds, strict=True))
     assert behind > 15_000 and 0 < 3 * placed < sorted_ < 1.2 * (len(splats) - behind)
@@ -205,8 +205,8 @@ def test_a_round_takes_only_clusters_with_open_tiles() -> None:
     splats, rng = noise(size=14), np.random.default_rng(8)
     found = Clusters.of(splats)
     camera = replace(views(splats)["fitted"], size=(96, 64))
-    plan = sg.plan(splats, camera, WHOLE.but(technique="tiles"), tiles=True)
-    window = Window(0, 0, 96, 64)
+    plan = sg.plan(splats, camera, WHOLE.replace(technique="tiles"), tiles=True)
+    window = PixelWindow(0, 0, 96, 64)
     tiles = found.tiles(plan.view, window).T
     closed = (rng.random((8, 12)) < 0.3) | (np.arange(12) < 6)
     closed = closed.ravel()
@@ -225,7 +225,9 @@ def test_a_round_takes_only_clusters_with_open_tiles() -> None:
     assert 0 < len(shown) < len(found.begin) - 1
 
 
-def rounds_of(found: Clusters, splats: sg.Splats, plan: Plan, window: Window, closed: np.ndarray) -> Iterator[Part]:
+def rounds_of(
+    found: Clusters, splats: sg.Splats, plan: Plan, window: PixelWindow, closed: np.ndarray
+) -> Iterator[RoundSplats]:
     """Rounds of few splats."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(clustering, "LEAST", 60)

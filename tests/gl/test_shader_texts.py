@@ -133,7 +133,7 @@ def test_what_is_drawn_is_among_the_texts(technique: str) -> None:
         for kind in ("", "labels", "splats"):
             plan = plan_of(PICTURES[kind][0])
             drawn = splats(PICTURES[kind][0].voxels, False, False, False)
-            own.render(drawn, plan.resolved.camera.resized((32, 24)), plan.settings.but(technique=technique))
+            own.render(drawn, plan.resolved.camera.resized((32, 24)), plan.settings.replace(technique=technique))
         compiled = set(own.passes.device.programs.kept)
     assert len(compiled) > 4
     for stages, chosen in compiled:

@@ -31,8 +31,8 @@ WHOLE = Settings(occlusion="off", antialias="off")
 SAME, ROUNDED = 1e-6, 1e-5
 RAMP = sg.Transfer([(0.45, 0), (0.6, 0.8)], colormap="hot", shading=True)
 # splats composited one by one
-SINGLY = SPLATS.but(technique="tiles", occlusion="off")
-QUADS = SINGLY.but(technique="quads")
+SINGLY = SPLATS.replace(technique="tiles", occlusion="off")
+QUADS = SINGLY.replace(technique="quads")
 Draw = Callable[[sg.Renderer], np.ndarray]
 
 
@@ -43,7 +43,7 @@ def volume(grid: str = "cubes") -> sg.Volume:
 def values(view: str = "outside", grid: str = "cubes", transfer: sg.Transfer = RAMP, **change: object) -> Draw:
     """Draws a volume whose values are classified after reconstruction. change: of the settings."""
     scene = volume(grid)
-    settings = WHOLE.but(**change)
+    settings = WHOLE.replace(**change)
     kind = "post-all" if settings.shows_value else "auto"
     splats = sg.extract(scene, transfer, classification=kind)
     return lambda renderer: renderer.render(splats, views(scene)[view], settings, verify_bound=False).pixels
@@ -53,7 +53,7 @@ def classified(view: str = "outside", base: Settings = WHOLE, **change: object) 
     """Draws a volume that is classified before reconstruction."""
     scene = volume()
     splats = sg.extract(scene, RAMP, classification="pre")
-    settings = base.but(**change)
+    settings = base.replace(**change)
     return lambda renderer: renderer.render(splats, views(scene)[view], settings, verify_bound=False).pixels
 
 
@@ -69,7 +69,7 @@ def masked() -> Draw:
 
 def labels(**change: object) -> Draw:
     scene = label_noise(np.random.default_rng(7), "3:1")
-    settings = WHOLE.but(**change)
+    settings = WHOLE.replace(**change)
     return lambda renderer: renderer.render(splats_of(scene), cameras(scene)["outside"], settings).pixels
 
 
@@ -83,7 +83,7 @@ def layers(meshes: bool = False, boxes: bool = False) -> Draw:
 
 
 def in_bricks(view: str = "outside", bands: int = 1, **change: object) -> Draw:
-    settings, scene = WHOLE.but(**change), volume()
+    settings, scene = WHOLE.replace(**change), volume()
     found = bricks_of(scene, RAMP, settings)
     assert found is not None
     bricks = Bricks.of(scene, found.post, 7)
@@ -93,7 +93,7 @@ def in_bricks(view: str = "outside", bands: int = 1, **change: object) -> Draw:
 def moving(classification: str = "auto", **change: object) -> Draw:
     scene = volume()
     splats, motion = sg.extract(scene, RAMP, classification=classification), sg.Motion(spin=(0, 0, 9))
-    settings = WHOLE.but(**change)
+    settings = WHOLE.replace(**change)
     return lambda renderer: renderer.render(splats, cameras(scene)["outside"], settings, motion).pixels
 
 
@@ -244,7 +244,7 @@ def test_memory_of_a_device_holds_anything_at_first(
 def test_a_pixel_that_ends_hides_no_more_than_it_may(processor: sg.Renderer, card: sg.Renderer) -> None:
     scene = volume()
     splats = sg.extract(scene, sg.Transfer([(0.45, 0), (0.6, 1.0)], unit=0.2))
-    camera, settings = cameras(scene)["outside"], WHOLE.but(occlusion="auto")
+    camera, settings = cameras(scene)["outside"], WHOLE.replace(occlusion="auto")
     cutoff = card.plan(splats, camera, settings).hiding.cutoff
     whole = processor.render(splats, camera, WHOLE).pixels
     assert 0 < cutoff < 1e-3

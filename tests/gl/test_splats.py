@@ -31,7 +31,7 @@ def test_pinned_vectors(
 ) -> None:
     """All 48 voxels within 0.15 level, float32 table."""
     h = kernel(NAMES[name])
-    settings = SPLATS.but(blend="xray", kernel=NAMES[name], align=align)
+    settings = SPLATS.replace(blend="xray", kernel=NAMES[name], align=align)
     for vector in (v for v in pinned if v["kernel"] == name):
         image = renderer.render(one_splat(vector["voxel"]), pinned_camera, settings)
         i, j = vector["pixel"]
@@ -44,7 +44,7 @@ def test_hybrid_switches_at_z_s(renderer: sg.Renderer, pinned: list[dict], pinne
     """Nearer than z_s a hybrid splat is ray-perpendicular bit for bit, beyond it grid-aligned."""
     voxel = (150.0, -120.0, 500.0)
     drawn = {
-        name: renderer.render(one_splat(voxel), pinned_camera, SPLATS.but(blend="xray", **asked)).pixels
+        name: renderer.render(one_splat(voxel), pinned_camera, SPLATS.replace(blend="xray", **asked)).pixels
         for name, asked in {
             "ray": {"align": "ray"},
             "grid": {"align": "grid"},
@@ -64,7 +64,7 @@ def test_corners_by_transform_feedback(align: str, direction: np.ndarray, render
     volume = sg.Volume(np.ones((5, 6, 7), np.uint8), direction=direction, origin=(-3, 2, 4))
     splats = sg.extract(volume, sg.Transfer([(0, 0.5)], shading=False), classification="pre")
     camera = sg.Camera.look_at((1.0, -9.0, 3.0), (0.5, 3.0, 6.0), (0, 0.2, 1), fov=50, size=(20, 16))
-    plan = sg.plan(splats, camera, SPLATS.but(align=align))
+    plan = sg.plan(splats, camera, SPLATS.replace(align=align))
     assert plan.program.seen.antialias
     switches = splat_switches(plan.program)
     ctx = renderer.ctx
@@ -135,7 +135,7 @@ def test_orthographic_footprint(name: str, pixel: float, renderer: sg.Renderer) 
     h = kernel(name)
     offset = np.array([0.31, -0.17]) * pixel
     camera = sg.Camera.orthographic((*offset, -50), (*offset, 0), (0, -1, 0), 32 * pixel, (32, 32))
-    image = renderer.render(one_splat((0, 0, 0)), camera, SPLATS.but(blend="xray", kernel=name))
+    image = renderer.render(one_splat((0, 0, 0)), camera, SPLATS.replace(blend="xray", kernel=name))
     x, y = camera.slopes()
     m = max(1.0, pixel)
     right = h.footprint(np.hypot(x[None, :] + offset[0], y[:, None] + offset[1]) / m) / m**2
@@ -150,7 +150,7 @@ def test_table_bits(bits: int, bound: float, renderer: sg.Renderer) -> None:
     """
     h = kernel("crawfis-max")
     camera = sg.Camera.orthographic((0, 0, -9), (0, 0, 0), (0, -1, 0), 4.0, (200, 200))
-    settings = SPLATS.but(blend="xray", footprint="table", table_bits=bits)
+    settings = SPLATS.replace(blend="xray", footprint="table", table_bits=bits)
     image = renderer.render(one_splat((0, 0, 0)), camera, settings)
     x, y = camera.slopes()
     right = h.footprint(np.hypot(x[None, :], y[:, None]))
@@ -167,7 +167,7 @@ def test_constant_volume_orthographic(name: str, bound: float, pixel: float, ren
     splats = sg.extract(volume, sg.Transfer([(0, -np.expm1(-sigma))], unit=1.0, shading=False), classification="pre")
     middle = (n - 1) / 2
     camera = sg.Camera.orthographic((middle, middle, -60), (middle, middle, 0), (0, -1, 0), 16 * pixel, (16, 16))
-    image = renderer.render(splats, camera, SPLATS.but(blend="xray", kernel=name))
+    image = renderer.render(splats, camera, SPLATS.replace(blend="xray", kernel=name))
     x, y = camera.slopes()
     inside = np.maximum(np.abs(x[None, :]), np.abs(y[:, None])) < n / 2 - 2 * max(1, pixel)
     assert inside.any()
@@ -188,7 +188,7 @@ def test_constant_volume_perspective(name: str, bound: float, distance: float, r
     inside = margin & (length > 8)
     assert inside.sum() > 20
     drawn = {
-        align: renderer.render(splats, camera, SPLATS.but(blend="xray", kernel=name, align=align)).pixels[..., 3]
+        align: renderer.render(splats, camera, SPLATS.replace(blend="xray", kernel=name, align=align)).pixels[..., 3]
         for align in ("ray", "grid")
     }
     ratio = {align: drawn[align][inside] / (sigma * length[inside]) for align in drawn}

@@ -14,7 +14,7 @@ from splatgl.cli.main import main
 from splatgl.gl.program import build, splat_switches
 from splatgl.reference.blend import pixel_means
 from splatgl.splat.kernels import kernel
-from splatgl.splat.motion import Moments
+from splatgl.splat.motion import Supersampling
 from splatgl.splat.motion_blur import MOTIONS
 from tests.helpers import streaks
 from tests.helpers.splatting import SPLATS, each_two
@@ -38,7 +38,7 @@ MOVES: dict[str, sg.Motion | None] = {
     "flows": sg.Motion(spin=(0, 0, 5), flow=FLOW),
     "is passed": None,
 }
-XRAY = SPLATS.but(blend="xray", motion="exact")
+XRAY = SPLATS.replace(blend="xray", motion="exact")
 # float32 against float64; a voxel of which one axis alone is widened and that hardly moves is drawn better than that
 TWIN, ONE_AXIS = 2e-5, 6e-4
 
@@ -78,7 +78,7 @@ def twin_error(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, sett
 def test_exact_streaks_are_their_twin(renderer: sg.Renderer, view: str, move: str, spacing: str) -> None:
     splats, camera = cloud(spacing), CAMERAS[view]
     limit = ONE_AXIS if spacing != "cubes" and view == "at z_k" else TWIN
-    for settings in (XRAY, XRAY.but(kernel="gaussian"), XRAY.but(blend="composite")):
+    for settings in (XRAY, XRAY.replace(kernel="gaussian"), XRAY.replace(blend="composite")):
         assert twin_error(renderer, splats, camera, settings, move) < limit
 
 
@@ -98,7 +98,7 @@ def test_exact_streaks_are_their_twin(renderer: sg.Renderer, view: str, move: st
     {"blur_width": 4.0, "motion": "paper", "attenuation": "opacity"},
 ], ids=str)  # fmt: skip
 def test_every_form_is_its_twin(renderer: sg.Renderer, spacing: str, changes: dict) -> None:
-    settings = XRAY.but(blend="composite").but(**changes)
+    settings = XRAY.replace(blend="composite").replace(**changes)
     for view in ("near", "far"):
         assert twin_error(renderer, cloud(spacing), CAMERAS[view], settings, "spins") < TWIN
 
@@ -115,9 +115,9 @@ def test_every_form_is_its_twin(renderer: sg.Renderer, spacing: str, changes: di
 ], ids=str)  # fmt: skip
 def test_streaks_on_the_quads_of_rows_4_and_5(renderer: sg.Renderer, spacing: str, align: str, changes: dict) -> None:
     """A footprint on a quad is cut in half and stretched along its path there; hybrid splats change planes at z_s."""
-    settings = XRAY.but(blend="composite", align=align, table_size=1024).but(**changes)
+    settings = XRAY.replace(blend="composite", align=align, table_size=1024).replace(**changes)
     for view, z_s in (("near", 15.0), ("far", 60.0)):
-        chosen = settings.but(z_s=z_s) if align == "hybrid" else settings
+        chosen = settings.replace(z_s=z_s) if align == "hybrid" else settings
         assert twin_error(renderer, cloud(spacing), CAMERAS[view], chosen, "spins") < TWIN
 
 
@@ -128,7 +128,7 @@ def test_exact_streaks_are_temporal_supersampling(renderer: sg.Renderer, view: s
     """X-ray against 256 moments; a still of the middle is much further off."""
     splats, camera = cloud(), CAMERAS[view]
     motion = motion_of(move, camera)
-    right = Moments(renderer.render, motion, 180, 256)(splats, camera, XRAY.but(motion="off")).pixels
+    right = Supersampling(renderer.render, motion, 180, 256)(splats, camera, XRAY.replace(motion="off")).pixels
     found = rmse(renderer.render(splats, camera, XRAY, motion).pixels, right)
     middle = renderer.render(motion.move(splats, -0.25), motion.view(camera, -0.25), XRAY).pixels
     assert found < 1e-3 and 2.5 * found < rmse(middle, right)
@@ -145,14 +145,14 @@ def quads(renderer: sg.Renderer) -> set[object]:
 @pytest.mark.parametrize("view", CAMERAS)
 def test_what_does_not_move_is_the_still_bit_for_bit(renderer: sg.Renderer, view: str, blend: str) -> None:
     splats, camera = cloud(), CAMERAS[view]
-    right = renderer.render(splats, camera, SPLATS.but(blend=blend))
-    moving, exact = MOVES["spins"], SPLATS.but(blend=blend, motion="exact")
+    right = renderer.render(splats, camera, SPLATS.replace(blend=blend))
+    moving, exact = MOVES["spins"], SPLATS.replace(blend=blend, motion="exact")
     for settings, motion in (
         (exact, None),
         (exact, sg.Motion()),
         (exact, sg.Motion(flow=np.zeros((COUNT, 3)))),
-        (exact.but(shutter=0), moving),
-        (exact.but(motion="off"), moving),
+        (exact.replace(shutter=0), moving),
+        (exact.replace(motion="off"), moving),
     ):
         compiled = quads(renderer)
         image = renderer.render(splats, camera, settings, motion)
@@ -166,7 +166,7 @@ def test_what_does_not_move_is_the_still_bit_for_bit(renderer: sg.Renderer, view
 def test_a_still_splat_among_moving_ones_is_the_same(renderer: sg.Renderer) -> None:
     """One that flows is drawn alone, and beside others that stand still: streaks change nothing of theirs."""
     splats, camera = cloud(), CAMERAS["near"]
-    quads = SPLATS.but(blend="xray", technique="quads")
+    quads = SPLATS.replace(blend="xray", technique="quads")
     flow = np.zeros((COUNT, 3))
     flow[0] = (2.0, 0, 1)
     first, rest = (splats.part(keep) for keep in (np.arange(COUNT) == 0, np.arange(COUNT) > 0))
@@ -178,7 +178,7 @@ def test_a_still_splat_among_moving_ones_is_the_same(renderer: sg.Renderer) -> N
 
 def test_flow_turns_with_the_order(renderer: sg.Renderer) -> None:
     """The same splats from all sides, one after the other: velocities follow their splats."""
-    splats, motion, settings = cloud(), MOVES["flows"], SPLATS.but(motion="exact")
+    splats, motion, settings = cloud(), MOVES["flows"], SPLATS.replace(motion="exact")
     for eye in ((0, -14, 5), (14, 2, 5), (-13, 5, -5)):
         camera = sg.Camera.look_at(eye, (0, 0, 0), (0, 0, 1), 60, (16, 16))
         right = streaks.render(splats, camera, settings, motion, 180.0).pixels
@@ -193,7 +193,7 @@ def energy(renderer: sg.Renderer, form: str, name: str, pixels: float) -> float:
     one = sg.Splats.from_points([[0.1, 0.2, 0.3]], [[1, 1, 1]], [0.5])
     camera = sg.Camera.orthographic((0, -30, 0), (0, 0, 0), (0, 0, 1), 34.0, (136, 136))
     path = np.array([0.8, 0.0, 0.6]) * pixels / 4
-    settings = SPLATS.but(blend="xray", kernel=name, motion=form, shutter=360)
+    settings = SPLATS.replace(blend="xray", kernel=name, motion=form, shutter=360)
     # in the middle of its path it is in the middle of the picture
     moved = sg.Splats.from_points(np.array([[0.1, 0.2, 0.3]]) + path / 2, [[1, 1, 1]], [0.5])
     image = renderer.render(moved if pixels else one, camera, settings, sg.Motion(velocity=path))
@@ -221,7 +221,7 @@ def test_the_eye_inside(renderer: sg.Renderer) -> None:
     camera = sg.Camera.look_at((0.3, -4, 0.2), (0, 0, 0), (0, 0, 1), 80, (30, 30))
     for motion in (MOVES["spins"], sg.Motion(velocity=(0.3, 0.8, 0.0))):
         assert renderer.plan(splats, camera, XRAY, motion).program.seen.half_line
-        right = Moments(renderer.render, motion, 180, 64)(splats, camera, XRAY.but(motion="off")).pixels
+        right = Supersampling(renderer.render, motion, 180, 64)(splats, camera, XRAY.replace(motion="off")).pixels
         found = renderer.render(splats, camera, XRAY, motion).pixels
         assert np.isfinite(found).all()
         still = renderer.render(splats, motion.view(camera, -0.25), XRAY).pixels
@@ -236,16 +236,18 @@ def test_the_plan_says_what_it_leaves_out(renderer: sg.Renderer) -> None:
     for words in ("motion blur exact, shutter 180°", "error bound is to straight streaks"):
         assert words in chosen.explain()
     # a maximum has no streaks
-    mip = SPLATS.but(blend="mip", moments=3)
-    right = Moments(renderer.render, motion, 180, 3)(splats, camera, mip.but(motion="off", moments=None)).pixels
+    mip = SPLATS.replace(blend="mip", moments=3)
+    right = Supersampling(renderer.render, motion, 180, 3)(
+        splats, camera, mip.replace(motion="off", moments=None)
+    ).pixels
     assert np.array_equal(renderer.render(splats, camera, mip, motion).pixels, right.astype(np.float32))
-    left = renderer.plan(splats, camera, mip.but(motion="exact"), motion)
+    left = renderer.plan(splats, camera, mip.replace(motion="exact"), motion)
     assert left.moments == 3 and "motion exact left out: mip of a streak is none of its moments" in left.explain()
     # who gives a motion and no settings wants it blurred: sums by streaks, others by moments
     for blend, form in (("xray", "exact"), ("composite", "moments")):
-        assert renderer.render(splats, camera, SPLATS.but(blend=blend), motion=motion).info["motion"] == form
+        assert renderer.render(splats, camera, SPLATS.replace(blend=blend), motion=motion).info["motion"] == form
     with pytest.raises(sg.InputError, match=r"^shutter: expected an angle"):
-        SPLATS.but(shutter=361)
+        SPLATS.replace(shutter=361)
 
 
 def test_the_papers_settings_blur_by_its_equation_11(renderer: sg.Renderer) -> None:
@@ -262,7 +264,7 @@ def test_the_papers_settings_blur_by_its_equation_11(renderer: sg.Renderer) -> N
 def test_supersampled_streaks(renderer: sg.Renderer) -> None:
     splats, camera, motion = cloud(), CAMERAS["near"], MOVES["spins"]
     fine = camera.resized((camera.size[0] * 3, camera.size[1] * 3))
-    found = renderer.render(splats, camera, XRAY.but(antialias="supersample", samples=3), motion).pixels
+    found = renderer.render(splats, camera, XRAY.replace(antialias="supersample", samples=3), motion).pixels
     samples = renderer.render(splats, fine, XRAY, motion).pixels
     assert np.abs(found - pixel_means(samples.astype(float), 3)).max() < 1e-5
 
@@ -273,7 +275,7 @@ def test_every_choice_compiles(renderer: sg.Renderer) -> None:
     for form in MOTIONS:
         for camera in (CAMERAS["near"], CAMERAS["far"], CAMERAS["parallel"]):
             for blend, attenuation in (("xray", "auto"), ("composite", "fill"), ("composite", "opacity")):
-                settings = base.but(motion=form, blend=blend, attenuation=attenuation)
+                settings = base.replace(motion=form, blend=blend, attenuation=attenuation)
                 plan = renderer.plan(splats, camera, settings, MOVES["flows"])
                 for shading, cubic, half_line in ((True, False, False), (False, True, plan.view.perspective)):
                     chosen = plan.with_choices(shading=shading, cubic=cubic, half_line=half_line).program

@@ -17,16 +17,16 @@ from splatgl.splat.kernels import kernel, polynomials, single_reach
 from tests.helpers.noise import GRIDS, LOOKS, inside, noise, views
 from tests.helpers.splatting import SPLATS, each_two
 
-TILED = SPLATS.but(technique="tiles")
+TILED = SPLATS.replace(technique="tiles")
 # polynomials are off by 4e−5 of the footprint, colours by 1e−5
 SAME = 5e-5
 
 
 def apart(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings) -> float:
     """The largest difference between tiles and quads, in shares of what is brightest, if that is over 1."""
-    assert renderer.plan(splats, camera, settings.but(technique="tiles")).program.technique == "tiles"
-    quads = renderer.render(splats, camera, settings.but(technique="quads")).pixels
-    found = renderer.render(splats, camera, settings.but(technique="tiles")).pixels
+    assert renderer.plan(splats, camera, settings.replace(technique="tiles")).program.technique == "tiles"
+    quads = renderer.render(splats, camera, settings.replace(technique="quads")).pixels
+    found = renderer.render(splats, camera, settings.replace(technique="tiles")).pixels
     assert quads.max() > 0.05 and np.isfinite(found).all()
     return float(np.abs(found - quads).max() / max(quads.max(), 1.0))
 
@@ -37,7 +37,7 @@ def apart(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings:
 def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, grid: str, view: str, blend: str) -> None:
     splats = noise(grid)
     for name in ("crawfis-max", "gaussian"):
-        settings = SPLATS.but(blend=blend, kernel=name, occlusion="off", order="front-to-back")
+        settings = SPLATS.replace(blend=blend, kernel=name, occlusion="off", order="front-to-back")
         assert apart(renderer, splats, views(splats)[view], settings) < SAME
 
 
@@ -47,7 +47,7 @@ def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, grid: str, view: str,
 @pytest.mark.parametrize("grid", ["cubes", "1:2:5"])
 def test_attenuation_is_the_same(renderer: sg.Renderer, grid: str, view: str, attenuation: str) -> None:
     splats = noise(grid)
-    settings = SPLATS.but(attenuation=attenuation, occlusion="off")
+    settings = SPLATS.replace(attenuation=attenuation, occlusion="off")
     assert renderer.plan(splats, views(splats)[view], settings).program.seen.antialias
     assert apart(renderer, splats, views(splats)[view], settings) < SAME
 
@@ -57,7 +57,7 @@ def test_attenuation_is_the_same(renderer: sg.Renderer, grid: str, view: str, at
 )
 def test_what_follows_and_other_footprints_are_the_same(renderer: sg.Renderer, change: dict) -> None:
     splats = noise()
-    assert apart(renderer, splats, views(splats)["fitted"], SPLATS.but(occlusion="off", **change)) < SAME
+    assert apart(renderer, splats, views(splats)["fitted"], SPLATS.replace(occlusion="off", **change)) < SAME
 
 
 @pytest.mark.turns(2)
@@ -76,7 +76,7 @@ def test_portions_draw_the_same(
 ) -> None:
     splats = noise()
     for view in ("fitted", "far"):
-        camera, settings = views(splats)[view], TILED.but(blend=blend)
+        camera, settings = views(splats)[view], TILED.replace(blend=blend)
         whole = renderer.render(splats, camera, settings).pixels
         with monkeypatch.context() as patched:
             for name, value in portions.items():
@@ -93,8 +93,8 @@ def test_more_splats_on_a_tile_than_a_loop_has_rounds(renderer: sg.Renderer) -> 
     count = 300_000
     cloud = sg.Splats.from_points(rng.random((count, 3)) * 4, rng.random((count, 3)), np.full(count, 1e-4))
     camera = sg.Camera.orbit(cloud, 30, 20, size=(8, 8))
-    assert apart(renderer, cloud, camera, SPLATS.but(blend="xray")) < SAME
-    assert apart(renderer, cloud, camera, SPLATS.but(occlusion="off")) < SAME
+    assert apart(renderer, cloud, camera, SPLATS.replace(blend="xray")) < SAME
+    assert apart(renderer, cloud, camera, SPLATS.replace(occlusion="off")) < SAME
 
 
 @pytest.mark.few(1)
@@ -106,7 +106,7 @@ def test_tiles_that_end_hide_no_more_than_they_may(
     splats = noise(grid, size=24, opacity=0.95)
     for view in ("fitted", "close", "parallel"):
         camera = views(splats)[view]
-        whole = renderer.render(splats, camera, TILED.but(occlusion="off")).pixels
+        whole = renderer.render(splats, camera, TILED.replace(occlusion="off")).pixels
         monkeypatch.setattr(technique, "SOLID", 0.0)
         for many in (10**9, 1000):
             monkeypatch.setattr(technique, "MANY", many)
@@ -126,16 +126,16 @@ def test_who_gets_tiles(renderer: sg.Renderer) -> None:
     assert sg.plan(splats, camera, SPLATS, tiles=False).program.technique == "quads"
     assert sg.plan(splats, camera, TILED, tiles=False).program.technique == "tiles"
     for other in ({"target": "rgba16f"}, {"order": "back-to-front"}, {"footprint": "table"}):
-        assert sg.plan(splats, camera, SPLATS.but(**other), tiles=True).program.technique == "quads"
+        assert sg.plan(splats, camera, SPLATS.replace(**other), tiles=True).program.technique == "quads"
         with pytest.raises(sg.InputError, match=r"^technique tiles: expected"):
-            sg.plan(splats, camera, TILED.but(**other), tiles=True)
+            sg.plan(splats, camera, TILED.replace(**other), tiles=True)
     with pytest.raises(sg.InputError, match=r"^technique tiles: expected .* without compute shaders"):
         sg.plan(splats, camera, TILED, tiles=None)
 
 
 def test_a_moving_camera_compiles_nothing_and_grows_nothing(renderer: sg.Renderer) -> None:
     splats = noise()
-    settings = TILED.but(occlusion="off")
+    settings = TILED.replace(occlusion="off")
 
     def kept() -> tuple[object, ...]:
         programs, drawn = renderer.passes.device.programs, renderer.passes.tiles
@@ -156,7 +156,7 @@ def test_a_deep_splat_and_a_faint_one(renderer: sg.Renderer) -> None:
         splats = noise(size=4, opacity=opacity)
         camera = views(splats)["fitted"]
         right = sg.reference.render(splats, camera, SPLATS).pixels
-        found = renderer.render(splats, camera, TILED.but(occlusion="off")).pixels
+        found = renderer.render(splats, camera, TILED.replace(occlusion="off")).pixels
         assert np.abs(found - right).max() < 5e-5 * right.max()
 
 
@@ -199,7 +199,7 @@ def test_an_order_asked_for_again_is_read_in_turn(renderer: sg.Renderer) -> None
     splats = noise()
     camera, other = (sg.Camera.orbit(splats, angle, 20, size=(64, 48)) for angle in (30, 140))
     for change in ({}, {"attenuation": "fill", "antialias": "paper"}):
-        settings = TILED.but(occlusion="off", **change)
+        settings = TILED.replace(occlusion="off", **change)
         renderer.passes.device.splats.release()
         first = renderer.render(splats, camera, settings).pixels
         kept = renderer.passes.device.splats.of(splats).textured
@@ -214,7 +214,7 @@ def test_an_order_asked_for_again_is_read_in_turn(renderer: sg.Renderer) -> None
 def test_sorted_records_without_runs_do_not_serve_who_needs_them(renderer: sg.Renderer) -> None:
     splats = noise()
     camera = views(splats)["far"]
-    plain, filled = (TILED.but(occlusion="off", attenuation=name) for name in ("optical-depth", "fill"))
+    plain, filled = (TILED.replace(occlusion="off", attenuation=name) for name in ("optical-depth", "fill"))
     right = renderer.render(splats, camera, filled).pixels
     renderer.passes.device.splats.release()
     for _ in range(2):
@@ -230,7 +230,7 @@ def test_blocks_beyond_the_edges_are_left_out(renderer: sg.Renderer, monkeypatch
         splats = noise(grid, size=30, opacity=0.3)
         cameras = {name: view for name, view in views(splats).items() if "close" in name or name == "far"}
         for camera in (*cameras.values(), inside(splats, LOOKS[0]), inside(splats, LOOKS[1], fov=15)):
-            for settings in (SPLATS.but(occlusion="off"), SPLATS.but(blend="xray", antialias="off")):
+            for settings in (SPLATS.replace(occlusion="off"), SPLATS.replace(blend="xray", antialias="off")):
                 renderer.passes.device.splats.release()
                 first = renderer.render(splats, camera, settings).pixels
                 for most in (2**20, 3000):
@@ -266,9 +266,11 @@ def test_a_splat_may_reach_more_tiles_than_a_loop_has_rounds(renderer: sg.Render
     places = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, 3.0]])
     splats = sg.Splats.from_points(places, np.ones((2, 3)), np.full(2, 0.5), spacing=(40, 40, 1))
     camera = sg.Camera.orthographic((0, 0, 0), (0, 0, 1), (0, 1, 0), 4.0, (side, side))
-    drawn = renderer.render(splats, camera, TILED.but(blend="xray", antialias="off"), verify_bound=False).pixels
+    drawn = renderer.render(splats, camera, TILED.replace(blend="xray", antialias="off"), verify_bound=False).pixels
     # sums of what is listed twice would be twice as large; the whole picture is near both centres
-    right = sg.reference.render(splats, replace(camera, size=(4, 4)), SPLATS.but(blend="xray", antialias="off")).pixels
+    right = sg.reference.render(
+        splats, replace(camera, size=(4, 4)), SPLATS.replace(blend="xray", antialias="off")
+    ).pixels
     assert drawn.min() > 0
     found = drawn[side // 8 :: side // 4, side // 8 :: side // 4]
     np.testing.assert_allclose(found, right, rtol=1e-3)

@@ -19,7 +19,7 @@ import splatgl as sg
 from splatgl.data.color import srgb_from_linear
 from splatgl.planning.resolve import END_CORRECTION
 from splatgl.reference.blend import blend_opacity, pixel_means
-from splatgl.reference.rays import Row
+from splatgl.reference.rays import FootprintRow
 from splatgl.splat.footprint import fill_depth, run_lengths
 from splatgl.splat.lighting import apply_light
 from splatgl.splat.splats import OCTAVES, POINT, POINT_VALUE, VALUE, VOXEL, is_points, linear_color
@@ -227,7 +227,7 @@ def test_blending(twin: Twin, rng: np.random.Generator) -> None:
     """
     splats = noise()
     for how, blend in (("over", "composite"), ("sum", "xray"), ("max", "mip")):
-        settings = SPLATS.but(blend=blend, antialias="off", tolerance=1e-6)
+        settings = SPLATS.replace(blend=blend, antialias="off", tolerance=1e-6)
         plan = sg.plan(splats, views(splats)["fitted"], settings, tiles=True)
         found = twin("tile_draw.comp", expression, plan, splats, {"DOUBLINGS": 5}, light=light.T, c=color.T, d=depth)
         value = blend_opacity(depth, np.ones(COUNT)) if how == "over" else depth
@@ -242,7 +242,7 @@ def test_blending(twin: Twin, rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("grid", GRIDS)
 def test_matter_that_is_widened(grid: str, twin: Twin, rng: np.random.Generator) -> None:
     splats = noise(grid)
-    plan = sg.plan(splats, views(splats)["far"], SPLATS.but(attenuation="fill"), tiles=True)
+    plan = sg.plan(splats, views(splats)["far"], SPLATS.replace(attenuation="fill"), tiles=True)
     depth = 10.0 ** rng.uniform(-4, 2, COUNT)
     codes = rng.integers(0, 20, (3, COUNT))
     runs = codes[0] + 32 * codes[1] + 1024 * codes[2]
@@ -269,13 +269,13 @@ def test_matter_that_is_widened(grid: str, twin: Twin, rng: np.random.Generator)
 def test_matter_of_splats(grid: str, name: str, twin: Twin) -> None:
     """The depth that fills a splat's pixel as its matter does, by 2e−5 of itself."""
     splats = noise(grid)
-    plan = sg.plan(splats, views(splats)[name], SPLATS.but(attenuation="fill"), tiles=True)
+    plan = sg.plan(splats, views(splats)[name], SPLATS.replace(attenuation="fill"), tiles=True)
     voxel = plan.view.voxels(splats.positions)
     coverage = plan.view.coverage(voxel[2])
     expression = "in_optical_depth = a.x; in_runs = int(a.y + 0.5); result.x = attenuated_depth(v, a.z)"
     inputs = np.stack([splats.records["optical_depth"], splats.runs, coverage], axis=1)
     found = twin("splat_setup.glsl", expression, plan, splats, v=voxel.T, a=inputs)[:, 0]
-    right = Row.of(plan.view, "row1", voxel, splats.grid).attenuate_depth(splats, "fill")
+    right = FootprintRow.of(plan.view, "row1", voxel, splats.grid).attenuate_depth(splats, "fill")
     assert coverage.max() < 1 and np.abs(found / right - 1).max() < 2e-5
 
 
@@ -283,7 +283,7 @@ def test_matter_of_splats(grid: str, name: str, twin: Twin) -> None:
 def test_light(light: Any, twin: Twin, rng: np.random.Generator) -> None:
     splats = noise("sheared")
     for camera in (views(splats)["fitted"], views(splats)["parallel"]):
-        plan = sg.plan(splats, camera, SPLATS.but(shading="on", light=light))
+        plan = sg.plan(splats, camera, SPLATS.replace(shading="on", light=light))
         voxel = plan.view.voxels(splats.positions)
         expression = "in_normal = ivec3(round(n)); in_color = c; result.rgb = shone(v)"
         normal = splats.records["normal"].astype(np.float64)

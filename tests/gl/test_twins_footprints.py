@@ -78,7 +78,7 @@ def far_quad(view: GridView, voxel: np.ndarray, place: np.ndarray) -> np.ndarray
 def test_radial_footprints(name: str, tolerance: float, twin: Twin, rng: np.random.Generator) -> None:
     """A table's by 1e−5 of the peak, polynomials' by 5e−5 of themselves."""
     splats, shape = noise(), kernel(name)
-    settings = SPLATS.but(kernel=name, tolerance=tolerance)
+    settings = SPLATS.replace(kernel=name, tolerance=tolerance)
     plan = sg.plan(splats, views(splats)["fitted"], settings, tiles=True)
     d2 = rng.uniform(0, 1.1 * shape.radius**2, COUNT)
     found = twin("footprint_eval.glsl", "result.x = radial(x)", plan, splats, x=d2)[:, 0]
@@ -106,7 +106,7 @@ def test_weights_of_values(name: str, twin: Twin, rng: np.random.Generator) -> N
 def test_footprints_of_table_1(twin: Twin, rng: np.random.Generator) -> None:
     """Between a table's 256² texels, by 2e−4 of the peak; a corner of a quad beyond its table is 0."""
     splats = noise()
-    plan = sg.plan(splats, views(splats)["fitted"], SPLATS.but(align="ray", footprint="table"))
+    plan = sg.plan(splats, views(splats)["fitted"], SPLATS.replace(align="ray", footprint="table"))
     place = rng.uniform(-1.1, 1.1, (2, COUNT)) * plan.kernel.radius
     found = twin("splat.frag", "at = a; result.x = footprint()", plan, splats, a=place.T)[:, 0]
     assert np.abs(found - footprint(plan.kernel, place)).max() < 2e-4
@@ -115,7 +115,7 @@ def test_footprints_of_table_1(twin: Twin, rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("grid", GRIDS)
 def test_rays(grid: str, twin: Twin, rng: np.random.Generator) -> None:
     splats = noise(grid)
-    plan = sg.plan(splats, views(splats)["wide"], SPLATS.but(align="exact"))
+    plan = sg.plan(splats, views(splats)["wide"], SPLATS.replace(align="exact"))
     pixel = rng.uniform(0, 1, (2, COUNT)) * np.array(plan.view.size)[:, None]
     found = twin("footprint_eval.glsl", "result.xyz = ray_at(p)", plan, splats, p=pixel.T)[:, :3].T
     assert np.abs(found - ray_at(plan.view, pixel)).max() < 1e-6
@@ -132,7 +132,7 @@ def test_rays(grid: str, twin: Twin, rng: np.random.Generator) -> None:
 def test_shares_beyond_z_k(grid: str, twin: Twin, rng: np.random.Generator) -> None:
     """A widened quad's terms, of any size; by 1e−4 of the peak."""
     splats = noise(grid)
-    settings = SPLATS.but(align="exact", attenuation="optical-depth", tolerance=1e-6)
+    settings = SPLATS.replace(align="exact", attenuation="optical-depth", tolerance=1e-6)
     plan = sg.plan(splats, views(splats)["far"], settings)
     at = rng.uniform(-1, 1, (2, COUNT)) * plan.kernel.radius
     a, b, c, e, g = rng.uniform(-0.2, 0.2, (5, 2, COUNT))
@@ -174,7 +174,9 @@ def test_quads_beyond_table_1(
     for grid in grids:
         splats = noise(grid)
         change = {"antialias": "off"} if name == "close" else {}
-        plan = sg.plan(splats, views(splats)[name], SPLATS.but(blend="xray", tolerance=1e-6, align="exact", **change))
+        plan = sg.plan(
+            splats, views(splats)[name], SPLATS.replace(blend="xray", tolerance=1e-6, align="exact", **change)
+        )
         voxel = some_voxels(rng, plan.view, splats)
         place = rng.uniform(-1, 1, (2, voxel.shape[1]))
         expression = f"""
@@ -211,7 +213,7 @@ def test_line_integrals(grid: str, view: str, technique: str, twin: Twin, rng: n
     splats = noise(grid)
     camera = inside(splats, (0.4, 0.9, 0.2)) if view == "inside" else views(splats)[view]
     tiles = technique == "tiles"
-    plan = sg.plan(splats, camera, SPLATS.but(blend="xray", tolerance=1e-6, technique=technique), tiles=tiles)
+    plan = sg.plan(splats, camera, SPLATS.replace(blend="xray", tolerance=1e-6, technique=technique), tiles=tiles)
     if plan.program.align != "exact":
         # a parallel view's quads are Table 1's, which are exact there
         assert not plan.view.perspective
@@ -242,7 +244,7 @@ def test_line_integrals(grid: str, view: str, technique: str, twin: Twin, rng: n
 def test_half_lines(grid: str, twin: Twin, rng: np.random.Generator) -> None:
     """Around the eye, by the table of half lines: within its 1e−5 and float32."""
     splats = noise(grid)
-    plan = sg.plan(splats, inside(splats, (0.4, 0.9, 0.2)), SPLATS.but(blend="xray", tolerance=1e-6))
+    plan = sg.plan(splats, inside(splats, (0.4, 0.9, 0.2)), SPLATS.replace(blend="xray", tolerance=1e-6))
     assert plan.program.seen.half_line
     voxel = plan.view.voxels(plan.view.eye_index + rng.uniform(-1.2, 1.2, (COUNT, 3)))
     place = rng.uniform(-1, 1, (2, COUNT)) * plan.view.edge[:, None]

@@ -11,7 +11,7 @@ from splatgl.planning.culling import PIXEL_MARGIN, Frustum
 from splatgl.planning.plan import Plan
 from splatgl.planning.technique import COLUMNS, ROWS
 from splatgl.reference.rays import pixel_ends
-from splatgl.splat.footprint import NEAR, Quads, quad_plane, table_quad
+from splatgl.splat.footprint import NEAR, SplatQuads, quad_plane, table_quad
 from tests.helpers.noise import GRIDS, inside, noise, views
 from tests.helpers.splatting import SPLATS
 from tests.helpers.twins import COUNT, Twin, pixel_of, some_voxels
@@ -38,14 +38,14 @@ def near_projection(view: GridView, voxel: np.ndarray, off: np.ndarray) -> np.nd
     return np.asarray(np.linalg.norm(np.cross(i, ray, axis=0), axis=0) / np.linalg.norm(ray, axis=0))
 
 
-def planar_projection(view: GridView, quad: Quads, off: np.ndarray) -> np.ndarray:
+def planar_projection(view: GridView, quad: SplatQuads, off: np.ndarray) -> np.ndarray:
     """Footprint coordinates [2, N] at offsets [2, N], in pixels, on quads that are parallel to the image."""
     side = view.pixel_side(quad.voxel[2]) * off
     axes = (quad.axis_1, quad.axis_2)
     return np.stack([(axis[:2] * side).sum(axis=0) / size for axis, size in zip(axes, quad.size, strict=True)])
 
 
-def widened_corner(view: GridView, quad: Quads, corner: np.ndarray) -> np.ndarray:
+def widened_corner(view: GridView, quad: SplatQuads, corner: np.ndarray) -> np.ndarray:
     """A corner [2, N] further out by PIXEL_MARGIN of a pixel along both axes."""
     return np.asarray(corner * (1 + PIXEL_MARGIN * view.pixel_side(quad.voxel[2]) / (quad.size * view.kernel.radius)))
 
@@ -109,7 +109,7 @@ def span_of(center: np.ndarray, extent: np.ndarray, row: np.ndarray, origin: np.
 
 def seen(grid: str, name: str, **change: object) -> tuple[sg.Splats, GridView, Plan]:
     splats = noise(grid)
-    plan = sg.plan(splats, views(splats)[name], SPLATS.but(**change), tiles=True)
+    plan = sg.plan(splats, views(splats)[name], SPLATS.replace(**change), tiles=True)
     return splats, plan.view, plan
 
 
@@ -313,7 +313,7 @@ def test_ellipses_hold_footprints_near_the_eye(twin: Twin, rng: np.random.Genera
     """The form's radius is the twin's by 1e−5; no ray within the kernel's radius is beyond it, slanted and near."""
     for grid in GRIDS:
         splats = noise(grid)
-        plan = sg.plan(splats, inside(splats, (0.4, 0.9, 0.2)), SPLATS.but(antialias="off"), tiles=True)
+        plan = sg.plan(splats, inside(splats, (0.4, 0.9, 0.2)), SPLATS.replace(antialias="off"), tiles=True)
         view = plan.view
         center, half = rng.uniform(-50, 50, (2, COUNT)), rng.uniform(1, 90, COUNT)
         expression = "result.x = form_radius(vec3(0.0, 0.0, 9.0), c, h, vec3(1.0))"

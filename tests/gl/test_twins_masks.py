@@ -37,7 +37,7 @@ def test_masks_along_rays(view: str, twin: Twin, renderer: sg.Renderer, rng: np.
     splats = sg.extract(volume, RAMP, classification="post-all")
     plan = sg.plan(splats, views(splats)[view], sg.Settings(sheets=2, antialias="off"), tiles=True)
     mask, camera = plan.resolved.mask, plan.resolved.camera
-    assert mask is not None and plan.program.look.masked and plan.resolved.sheets is not None
+    assert mask is not None and plan.program.appearance.masked and plan.resolved.sheets is not None
     pixel = rng.integers(0, camera.size[0] * camera.size[1], COUNT)
     state = uniforms(splats, plan)
     at = np.stack([pixel % camera.size[0], pixel // camera.size[0]], axis=1) + 0.5

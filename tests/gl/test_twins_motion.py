@@ -34,7 +34,7 @@ BOTH = "bool widened = PERSPECTIVE == 0 || is_widened(v); Inner inner = inner_of
 
 def moving(grid: str, name: str, motion: str = "exact", **change: object) -> tuple[sg.Splats, GridView, Plan]:
     splats = noise(grid)
-    plan = sg.plan(splats, views(splats)[name], SPLATS.but(tolerance=1e-6, motion=motion, **change), MOVE)
+    plan = sg.plan(splats, views(splats)[name], SPLATS.replace(tolerance=1e-6, motion=motion, **change), MOVE)
     assert plan.exposure is not None
     return splats, plan.view, plan
 

@@ -18,7 +18,7 @@ from splatgl.planning.plan import Plan
 from splatgl.reference import blend as blends
 from splatgl.reference.rays import Bounds, Rays, pixel_slopes
 from splatgl.reference.sheets import (
-    Part,
+    RaySegments,
     SheetField,
     between_sheets,
     bulge,
@@ -423,7 +423,7 @@ def test_weights_of_gradients(renderer: sg.Renderer, twin: Twin, rng: np.random.
     found = twin("sheet_draw.comp", "result.x = weight_of(g)", plan, splats, uniforms(splats, plan), g=gradient)[:, 0]
     off = np.abs(found - weight_of(splats, gradient))
     # a step within a cell is a ramp there
-    assert plan.program.look.weighted and (off < 1e-4).mean() > 0.99 and off.max() < 0.5
+    assert plan.program.appearance.weighted and (off < 1e-4).mean() > 0.99 and off.max() < 0.5
     inputs = {"e": 10 ** rng.uniform(-9, 1.2, COUNT), "w": np.minimum(rng.uniform(0, 1.1, COUNT), 1)}
     found = twin("sheet_draw.comp", "result.x = weighted(e, w)", plan, splats, uniforms(splats, plan), **inputs)[:, 0]
     right = weight_extinction(inputs["e"], inputs["w"])
@@ -457,7 +457,7 @@ def test_light_over_matter(
     faced = np.clip(face[:, 3], 0, 1)
     ends, middle = (np.zeros(COUNT), np.ones(COUNT)), (first + last) / 2
     none = np.zeros(COUNT)
-    part = Part(np.arange(COUNT), none.astype(int), none, ends, first, middle, last, along, faced, none)
+    part = RaySegments(np.arange(COUNT), none.astype(int), none, ends, first, middle, last, along, faced, none)
     rays = replace(some_rays(rng), toward=toward, face=face[:, :3] if cut else None)
     right = light + (1 - light[:, 3:]) * composite_sums(field.matter(part, rays)[:, None])
     shines = np.broadcast_to(0.0 if field.shines is None else field.shines, (COUNT, 3))
@@ -465,9 +465,9 @@ def test_light_over_matter(
     found_light = twin(
         "sheet_draw.comp", "result.xy = surface_light(g, t, s, vec2(1.0))", plan, splats, state, **inputs
     )[:, :2]
-    right_light = np.stack(surface_light(inputs["g"], toward, field.look.light, field.shines), axis=1)
+    right_light = np.stack(surface_light(inputs["g"], toward, field.appearance.light, field.shines), axis=1)
     assert np.abs(found_light - right_light).max() < 1e-5
-    assert plan.resolved.look.shading and np.abs(found - right).max() < (1e-5 if lit else 2e-6)
+    assert plan.resolved.appearance.shading and np.abs(found - right).max() < (1e-5 if lit else 2e-6)
 
 
 @pytest.mark.parametrize("steps", [0, 1, 3])
@@ -573,9 +573,9 @@ def test_one_value_of_sheets(blend: str, renderer: sg.Renderer, twin: Twin, rng:
     found = twin(
         "sheet_draw.comp", "result = join_value(l, a.x, a.y)", plan, splats, l=light, a=np.stack([value, length], 1)
     )
-    assert np.abs(found - join_value(light, value, length, field.look.join)).max() < 1e-6
+    assert np.abs(found - join_value(light, value, length, field.appearance.join)).max() < 1e-6
     found = twin("optics.glsl", "result.x = joined_value(l)", plan, splats, l=light)[:, 0]
-    right = blends.joined_value(light, field.look.join)
+    right = blends.joined_value(light, field.appearance.join)
     assert (np.abs(found - right) / (1 + np.abs(right)))[light[:, 1] > 0].max() < 1e-6
     found = twin("sheet_draw.comp", "result = shown(l)", plan, splats, state, l=light)
     assert np.abs(found - shown(field, light)).max() < 3e-4 and (found[::5] == 0).all()

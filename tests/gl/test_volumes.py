@@ -29,7 +29,7 @@ def pictures(smooth: bool, view: tuple, pixels: int, renderer: sg.Renderer, proj
             camera = sg.Camera.look_at(eye, (0, 0, 0), (0, 1, 0.1), 40, size)
         else:
             camera = sg.Camera.orthographic(eye, (0, 0, 0), (0, 1, 0.1), 72, size)
-        found.append(renderer.render(splats, camera, SPLATS.but(blend="xray")).pixels[..., 3].astype(np.float64))
+        found.append(renderer.render(splats, camera, SPLATS.replace(blend="xray")).pixels[..., 3].astype(np.float64))
     return found
 
 
@@ -59,12 +59,12 @@ def test_letter_f_pins_axes_and_rows(renderer: sg.Renderer) -> None:
     """From the front: x to the right in red, z upwards in blue, y away in green; F's arms at the top right."""
     splats = sg.extract(letter_f(), sg.default_transfer(letter_f()), classification="pre")
     camera = sg.Camera.orbit(splats, azimuth=0, elevation=0, fov=20, size=(120, 120))
-    pixels = renderer.render(splats, camera, SPLATS.but(shading="off")).pixels
+    pixels = renderer.render(splats, camera, SPLATS.replace(shading="off")).pixels
     assert_looks_like_f(pixels, camera, splats)
     # from behind x runs to the left
     behind = sg.Camera.orbit(splats, azimuth=180, elevation=0, fov=20, size=(120, 120))
     with pytest.raises(AssertionError):
-        assert_looks_like_f(renderer.render(splats, behind, SPLATS.but(shading="off")).pixels, camera, splats)
+        assert_looks_like_f(renderer.render(splats, behind, SPLATS.replace(shading="off")).pixels, camera, splats)
 
 
 def assert_looks_like_f(pixels: np.ndarray, camera: sg.Camera, splats: sg.Splats) -> None:
@@ -105,7 +105,7 @@ def test_composite_of_two(renderer: sg.Renderer, through_the_middle: sg.Camera) 
     peak = float(kernel("crawfis-max").footprint(np.zeros(())))
     a, b = -np.expm1(-0.7 * peak), -np.expm1(-1.1 * peak)
     near, far = np.array([1, 0.2, 0.1]), np.array([0.1, 0.3, 1])
-    found = pixel_of(renderer.render(two_splats(), through_the_middle, SPLATS.but(antialias="off")))
+    found = pixel_of(renderer.render(two_splats(), through_the_middle, SPLATS.replace(antialias="off")))
     assert found[:3] == pytest.approx(near * a + (1 - a) * far * b, abs=1e-4)
     assert found[3] == pytest.approx(1 - (1 - a) * (1 - b), abs=1e-4)
 
@@ -113,11 +113,11 @@ def test_composite_of_two(renderer: sg.Renderer, through_the_middle: sg.Camera) 
 def test_xray_and_mip_of_two(renderer: sg.Renderer, through_the_middle: sg.Camera) -> None:
     peak = float(kernel("crawfis-max").footprint(np.zeros(())))
     near, far = np.array([1, 0.2, 0.1]), np.array([0.1, 0.3, 1])
-    xray = pixel_of(renderer.render(two_splats(), through_the_middle, SPLATS.but(blend="xray", antialias="off")))
+    xray = pixel_of(renderer.render(two_splats(), through_the_middle, SPLATS.replace(blend="xray", antialias="off")))
     assert xray[:3] == pytest.approx(peak * (0.7 * near + 1.1 * far), abs=2e-4)
     assert xray[3] == pytest.approx(peak * 1.8, abs=2e-4)
     # the maximum of opacity·colour by channel; opacity is of the reference length, here 1
-    mip = pixel_of(renderer.render(two_splats(), through_the_middle, SPLATS.but(blend="mip")))
+    mip = pixel_of(renderer.render(two_splats(), through_the_middle, SPLATS.replace(blend="mip")))
     assert mip[:3] == pytest.approx(np.maximum(near * -np.expm1(-0.7), far * -np.expm1(-1.1)), abs=2e-4)
     assert mip[3] == pytest.approx(-np.expm1(-1.1), abs=2e-4)
 
@@ -129,7 +129,7 @@ def test_attenuation_of_one(attenuation: str, renderer: sg.Renderer) -> None:
     for pixel in (0.5, 4.0):
         camera = sg.Camera.orthographic((0, 0, -9), (0, 0, 0), (0, -1, 0), pixel, (1, 1))
         splats = sg.Splats.from_points([(0, 0, 0)], [(1, 1, 1)], [2.0])
-        found = pixel_of(renderer.render(splats, camera, SPLATS.but(attenuation=attenuation)))[3]
+        found = pixel_of(renderer.render(splats, camera, SPLATS.replace(attenuation=attenuation)))[3]
         m2 = max(1.0, pixel) ** 2
         paper, depth = -np.expm1(-2 * peak) / m2, -np.expm1(-2 * peak / m2)
         assert found == pytest.approx(paper if attenuation == "opacity" else depth, abs=1e-4)
@@ -138,9 +138,9 @@ def test_attenuation_of_one(attenuation: str, renderer: sg.Renderer) -> None:
 def test_supersampling_is_the_mean_of_its_samples(renderer: sg.Renderer) -> None:
     splats = sg.extract(letter_f(), sg.default_transfer(letter_f()), classification="pre")
     camera = sg.Camera.orbit(splats, 30, 20, size=(40, 30))
-    settings = SPLATS.but(antialias="supersample", samples=3)
+    settings = SPLATS.replace(antialias="supersample", samples=3)
     found = renderer.render(splats, camera, settings).pixels
-    fine = renderer.render(splats, camera.resized((120, 90)), SPLATS.but(antialias="paper")).pixels
+    fine = renderer.render(splats, camera.resized((120, 90)), SPLATS.replace(antialias="paper")).pixels
     assert np.abs(found - pixel_means(fine.astype(float), 3)).max() < 1e-6
 
 
@@ -149,7 +149,7 @@ def test_background_lies_behind(renderer: sg.Renderer) -> None:
     camera = sg.Camera.look_at((0, 0, 0), (0, 0, 1), (0, -1, 0), 60, (32, 32))
     clear = renderer.render(splats, camera, SPLATS).pixels
     ground = (0.2, 0.4, 0.6)
-    found = renderer.render(splats, camera, SPLATS.but(background=ground)).pixels
+    found = renderer.render(splats, camera, SPLATS.replace(background=ground)).pixels
     assert np.abs(found - (clear + (1 - clear[..., 3:]) * np.array([*ground, 1]))).max() < 1e-6
     assert found[0, 0] == pytest.approx([*ground, 1], abs=1e-6)
 
@@ -163,7 +163,7 @@ def test_targets_hold_what_they_can(target: str, renderer: sg.Renderer) -> None:
     peak = float(kernel("crawfis-max").footprint(np.zeros(())))
     assert right == pytest.approx(-np.expm1(-2 * peak), abs=3e-4)
     # software rounds to nearest and keeps less; a card may keep more
-    assert abs(pixel_of(renderer.render(splats, camera, SPLATS.but(target=target)))[3] - right) > 0.1 * right
+    assert abs(pixel_of(renderer.render(splats, camera, SPLATS.replace(target=target)))[3] - right) > 0.1 * right
 
 
 def test_8_bits_mix_display_values(renderer: sg.Renderer) -> None:
@@ -179,13 +179,13 @@ def test_8_bits_mix_display_values(renderer: sg.Renderer) -> None:
         return sg.Splats.from_points(places, colors, np.full(count, -np.log1p(-opacity) / peak))
 
     many, half = pile(400, (60, 100, 40), 0.03), pile(1, (255, 255, 255), 0.5)
-    for settings in (paper, paper.but(background="black")):
+    for settings in (paper, paper.replace(background="black")):
         drawn, right = (pixel_of(draw(many, camera, settings)) for draw in (renderer.render, sg.reference.render))
         assert np.abs(255 * srgb_from_linear(drawn[:3]) - (44, 84, 24)).max() < 9
         assert 255 * srgb_from_linear(right[:3]) == pytest.approx((60, 100, 40), abs=0.1)
     for ground, shown in (("black", 0.5), ("#808080", 0.5 + 0.5 * 128 / 255)):
         for draw in (renderer.render, sg.reference.render):
-            image = draw(half, camera, paper.but(background=ground))
+            image = draw(half, camera, paper.replace(background=ground))
             assert srgb_from_linear(pixel_of(image)[:3]) == pytest.approx([shown] * 3, abs=2 / 255)
     assert pixel_of(renderer.render(half, camera, paper)) == pytest.approx([0.5] * 4, abs=2 / 255)
 
@@ -221,13 +221,13 @@ def test_shading_is_a_head_light(renderer: sg.Renderer) -> None:
         camera = sg.Camera.orthographic(eye, (20, 20, 4), (0, -1, 0), 2, (1, 1))
         pixel = pixel_of(renderer.render(splats, camera, SPLATS))
         assert pixel[0] / pixel[3] == pytest.approx(right, abs=2e-3)
-        plain = pixel_of(renderer.render(splats, camera, SPLATS.but(shading="off")))
+        plain = pixel_of(renderer.render(splats, camera, SPLATS.replace(shading="off")))
         assert plain[0] / plain[3] == pytest.approx(1.0, abs=1e-5)
 
 
 def test_orthographic_sees_nothing_behind_the_eye(renderer: sg.Renderer) -> None:
     camera = sg.Camera.orthographic((0, 0, 7), (0, 0, 9), (0, -1, 0), 4, (3, 3))
-    settings = SPLATS.but(blend="xray")
+    settings = SPLATS.replace(blend="xray")
     both = renderer.render(two_splats(), camera, settings).pixels
     alone = renderer.render(sg.Splats.from_points([(0, 0, 9)], [(0.1, 0.3, 1)], [1.1]), camera, settings).pixels
     assert (both == alone).all()
@@ -240,8 +240,8 @@ def test_opacity_of_any_optical_depth(depth: float, renderer: sg.Renderer, throu
     """1 − exp(−τ) keeps float32's digits from 1e−30 up; the float table's F costs 2e−4 of τ."""
     peak = float(kernel("crawfis-max").footprint(np.zeros(())))
     splats = sg.Splats.from_points([(0, 0, 5)], [(1, 1, 1)], [depth])
-    through = SPLATS.but(antialias="off")
-    tau = float(pixel_of(renderer.render(splats, through_the_middle, through.but(blend="xray")))[3])
+    through = SPLATS.replace(antialias="off")
+    tau = float(pixel_of(renderer.render(splats, through_the_middle, through.replace(blend="xray")))[3])
     assert tau == pytest.approx(depth * peak, rel=2e-4)
     found = pixel_of(renderer.render(splats, through_the_middle, through))[3]
     assert found == pytest.approx(-np.expm1(-tau), rel=1e-6)

@@ -148,7 +148,7 @@ def test_upload_is_that_of_splats(technique: str, renderer: sg.Renderer, monkeyp
     volume = sg.scenes.ball(6)
     splats = sg.extract(volume, sg.default_transfer(volume))
     assert gpu_check.time_upload(renderer, splats, technique) < 0.1
-    for owner, method in ((buffers.Instances, "fill"), (buffers, "_filled")):
+    for owner, method in ((buffers.InstanceBuffer, "fill"), (buffers, "_filled")):
         monkeypatch.setattr(owner, method, slow(getattr(owner, method)))
     assert gpu_check.time_upload(renderer, splats, technique) > 0.2
 

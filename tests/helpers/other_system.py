@@ -114,12 +114,12 @@ def become(system: str) -> Callable[[], int | None]:
         ctypes.windll = types.SimpleNamespace(kernel32=kernel)  # type: ignore[attr-defined]
         replace = os.replace
 
-        def refuse_mapped(source: str, target: str) -> None:
+        def reject_mapped(source: str, target: str) -> None:
             if os.path.realpath(target) in mapped:
                 raise PermissionError(13, "Access is denied")
             replace(source, target)
 
-        os.replace = refuse_mapped  # type: ignore[assignment]
+        os.replace = reject_mapped  # type: ignore[assignment]
     _replace_glcontext(system, make_current)
     return egl.eglGetCurrentContext  # type: ignore[no-any-return]
 

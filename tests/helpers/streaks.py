@@ -17,9 +17,9 @@ from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.view import GridView
 from splatgl.planning.resolve import AVERAGED, Resolved
-from splatgl.reference.rays import Boxes, Row, pixel_ends
+from splatgl.reference.rays import FootprintRow, PixelBoxes, pixel_ends
 from splatgl.reference.renderer import SplatScene, draw_bands
-from splatgl.splat.footprint import GRAZING, Quads, on_quads, run_lengths, table_quad
+from splatgl.splat.footprint import GRAZING, SplatQuads, on_quads, run_lengths, table_quad
 from splatgl.splat.kernels import tabulate
 from splatgl.splat.line_integral import Integral, row1
 from splatgl.splat.motion import Motion, Streaks, streaks
@@ -29,7 +29,7 @@ from splatgl.splat.splats import Splats
 
 
 @dataclass(frozen=True, eq=False)
-class StreakRow(Row):
+class StreakRow(FootprintRow):
     """Row 1, or rows 4 and 5 on quads, for voxels [3, N] that move by step [2, N] across the view; motion: exact,
     energy or paper. alone [2, N]: optical depths, and `isolation`, where opacities are averaged; None: depths are.
     """
@@ -145,14 +145,14 @@ def pass_kernels(view: GridView, voxel: np.ndarray, ray: np.ndarray, step: np.nd
     return Passing(passed + further, across, length, gain)
 
 
-def aligned_quads(view: GridView, voxel: np.ndarray, align: str, z_s: float) -> Quads:
+def aligned_quads(view: GridView, voxel: np.ndarray, align: str, z_s: float) -> SplatQuads:
     """Quads of voxels [3, N]: row 4's nearer than z_s, in mean spacings, for align hybrid, or all; else row 5's."""
     near = voxel[2] < {"ray": np.inf, "grid": -np.inf}.get(align, z_s)
     turned, flat = (vars(table_quad(view, voxel, plane)) for plane in ("ray", "grid"))
-    return Quads(*(np.where(near, turned[name], flat[name]) for name in turned))
+    return SplatQuads(*(np.where(near, turned[name], flat[name]) for name in turned))
 
 
-def pass_quads(quads: Quads, ray: np.ndarray, step: np.ndarray) -> Passing:
+def pass_quads(quads: SplatQuads, ray: np.ndarray, step: np.ndarray) -> Passing:
     """Passes of rays [2, N] by footprints on quads, which are cut in half along step [2, N] as seen on their planes.
 
     Rays that meet a plane behind the eye are infinitely far.
@@ -168,7 +168,7 @@ def pass_quads(quads: Quads, ray: np.ndarray, step: np.ndarray) -> Passing:
     return replace(passed, across=np.where(hit, passed.across, np.inf), gain=quads.gain)
 
 
-def step_on(quads: Quads, step: np.ndarray) -> np.ndarray:
+def step_on(quads: SplatQuads, step: np.ndarray) -> np.ndarray:
     """[2, N]: steps [2, N] across the view on the planes of quads, in voxels."""
     axes = np.stack([quads.axis_1, quads.axis_2])
     return np.asarray(np.einsum("ain,in->an", axes[:, :2], step) / quads.size)
@@ -196,12 +196,12 @@ def render(
         raise expected("settings", "antialias paper or off, blend composite or xray", "others")
     paths = streaks(splats, camera, motion, shutter)
     resolved = Resolved.of(splats, paths.camera, settings, moving=True)
-    view, attenuation = replace(resolved.view, kernel=tabulate(resolved.kernel.name)), resolved.look.attenuation
+    view, attenuation = replace(resolved.view, kernel=tabulate(resolved.kernel.name)), resolved.appearance.attenuation
     quads, boxes = None, _boxes(view, paths)
     if view.perspective and settings.align not in ("auto", "exact"):
         quads = aligned_quads(view, paths.middle, settings.align, (settings.z_s or 0.0) / splats.grid.mean_spacing)
         zero, (width, height) = np.zeros(len(splats), dtype=np.int64), paths.camera.size
-        boxes = Boxes(zero, zero + width, zero, zero + height)
+        boxes = PixelBoxes(zero, zero + width, zero, zero + height)
     row = StreakRow(view, "row1", paths.middle, quads, paths.step, shape)
     scene = SplatScene.of(splats, resolved, row, boxes)
     if attenuation != "optical-depth":
@@ -224,7 +224,7 @@ def length_of(view: GridView, paths: Streaks) -> np.ndarray:
     return pass_kernels(view, paths.middle, center, paths.step).length
 
 
-def _boxes(view: GridView, paths: Streaks) -> Boxes:
+def _boxes(view: GridView, paths: Streaks) -> PixelBoxes:
     """Pixels that a streak can reach: the box of both ends; the whole image if one end is not visible."""
     width, height = paths.camera.size
     ends = []
@@ -236,7 +236,7 @@ def _boxes(view: GridView, paths: Streaks) -> Boxes:
     some, all_ = unseen[0] | unseen[1], (unseen[0] & unseen[1]) | (paths.middle[2] < 0) & unseen[0]
     left, top = (np.where(some, 0, np.minimum(ends[0][n], ends[1][n])) for n in (0, 2))
     right, bottom = (np.where(some, full, np.maximum(ends[0][n], ends[1][n])) for n, full in ((1, width), (3, height)))
-    return Boxes(left, np.where(all_ | (right <= left) | (bottom <= top), left, right), top, bottom)
+    return PixelBoxes(left, np.where(all_ | (right <= left) | (bottom <= top), left, right), top, bottom)
 
 
 def blur(table: BlurTable, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:

@@ -29,7 +29,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.transfer.transfer_nodes import color_points
 from splatgl.viewer import adaptive_quality, hud, trackball
 from splatgl.viewer.adaptive_quality import REST
-from splatgl.viewer.commands import Leave, Request
+from splatgl.viewer.commands import LeaveDocument, WindowRequest
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.layer_splats import LayerSplats
@@ -242,12 +242,12 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         return clicked(viewer, tuple(ask["place"]))
     elif what == "set":
         # what neither keys nor the panel ask for, or not at once
-        settings = viewer.state.settings.but(**ask.get("settings", {}))
+        settings = viewer.state.settings.replace(**ask.get("settings", {}))
         slices = replace(viewer.state.slices, place=tuple(ask.get("place", viewer.state.slices.place)))
         changes = {"settings": settings, "slices": slices, **ask.get("state", {})}
         viewer.state = replace(viewer.state, **changes).edit(**ask.get("style", {}))
-        answers = {"SAVE_AND_LEAVE": Leave(saves=True), "LEAVE": Leave()}
-        viewer.effects += [answers.get(name) or Request[name] for name in ask.get("effects", ())]
+        answers = {"SAVE_AND_LEAVE": LeaveDocument(saves=True), "LEAVE": LeaveDocument()}
+        viewer.effects += [answers.get(name) or WindowRequest[name] for name in ask.get("effects", ())]
         viewer.touch()
         viewer.step(0.0)
         until(viewer, lambda: not viewer.extractor.jobs.busy)

@@ -86,7 +86,7 @@ def test_the_manifest_is_npe2s() -> None:
     assert reader.filename_patterns == reading.patterns() and reader.accepts_directories
     names = {each.id: str(each.python_name) for each in manifest.contributions.commands}
     assert names[reader.command] == f"{reading.__name__}:{reading.reader_of.__name__}"
-    assert names[widget.command] == "splatgl.integrations.napari.widget:Panel"
+    assert names[widget.command] == "splatgl.integrations.napari.widget:NapariPanel"
 
 
 def test_the_package_names_the_manifest() -> None:
@@ -378,7 +378,7 @@ def test_the_widget_draws_saves_and_tells(tmp_path: Path, monkeypatch: pytest.Mo
     application = widgets.QApplication.instance() or widgets.QApplication([])
     seen, added = viewer(Image(block()), center=MIDDLE), list[np.ndarray]()
     seen.add_image = lambda data, **given: added.append(data)
-    drawn = widget.Panel(seen)
+    drawn = widget.NapariPanel(seen)
     assert not any(button.isEnabled() for button in drawn.buttons[1:])
     drawn.buttons[0].click()
     assert drawn.summary.text().startswith("64×48 pixels, mip of ") and all(b.isEnabled() for b in drawn.buttons)

@@ -22,8 +22,8 @@ from splatgl.animation.camera_track import turning
 from splatgl.scene.view import ViewOptions
 from tests.helpers.splatting import SPLATS
 
-XRAY = SPLATS.but(blend="xray")
-OFF = XRAY.but(antialias="off")
+XRAY = SPLATS.replace(blend="xray")
+OFF = XRAY.replace(antialias="off")
 draw = sg.reference.render
 
 
@@ -87,7 +87,7 @@ def test_antialiasing_takes_aliasing_away(renderer: sg.Renderer, rng: np.random.
     window = reach.window()
     off, on = (aliasing_energy(finer(draw, wall, camera, s), window) for s in (OFF, XRAY))
     assert off > 8 * on > 0 and window.mean() > 0.1
-    right = draw(wall, camera, XRAY.but(antialias="supersample"))
+    right = draw(wall, camera, XRAY.replace(antialias="supersample"))
     errors = [mean_square(draw(wall, camera, s), right, reach.beyond) for s in (OFF, XRAY)]
     assert errors[0] > 2 * errors[1] > 0
 
@@ -105,7 +105,9 @@ def test_of_noise_a_kernel_leaves_what_its_spectrum_says(name: str, renderer: sg
         wall = sg.Splats.from_points(places, np.repeat(rng.random((len(x), 1)), 3, axis=1), np.full(len(x), 3.0))
         ratios.append(noise_ratio(wall, camera, name))
     window = np.ones((256, 256))
-    off, on = (aliasing_energy(finer(renderer.render, wall, camera, s.but(kernel=name)), window) for s in (OFF, XRAY))
+    off, on = (
+        aliasing_energy(finer(renderer.render, wall, camera, s.replace(kernel=name)), window) for s in (OFF, XRAY)
+    )
     assert ratios[0] == pytest.approx(1, abs=0.05) and ratios[1] == pytest.approx(11, abs=1)
     assert off / on == pytest.approx(ratios[1], rel=0.15)
 
@@ -133,8 +135,8 @@ def test_reach_knows_what_is_beyond_z_k(sheet: sg.Splats, camera: sg.Camera) -> 
 @pytest.mark.long
 def test_nothing_before_z_k_changes(renderer: sg.Renderer, sheet: sg.Splats, camera: sg.Camera) -> None:
     """Bit for bit, on the GPU, in each blend mode; pixels that see some of both are left out."""
-    for settings in (XRAY, SPLATS, SPLATS.but(attenuation="opacity")):
-        changed, count = differing_before(renderer.render, sheet, camera, settings.but(technique="quads"))
+    for settings in (XRAY, SPLATS, SPLATS.replace(attenuation="opacity")):
+        changed, count = differing_before(renderer.render, sheet, camera, settings.replace(technique="quads"))
         assert changed == 0 and count > 150
 
 
@@ -148,7 +150,7 @@ def test_only_is_a_part(sheet: sg.Splats, camera: sg.Camera, rng: np.random.Gene
 # --- strips of one column over time, flicker and popping --------------------------------------------------------------
 
 
-SETTINGS = SPLATS.but(background=(0, 0, 0))
+SETTINGS = SPLATS.replace(background=(0, 0, 0))
 
 
 @pytest.fixture(scope="module")

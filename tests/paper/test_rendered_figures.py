@@ -89,7 +89,7 @@ def test_figure_5_is_the_tunnel_twice(here: Path, renderer: sg.Renderer, capsys:
     splats = sg.extract(volume, scene.transfer_for(volume), classification="pre")
     camera = scene.view.camera(volume, splats)
     for panel, name in enumerate(("off", "paper")):
-        right = renderer.render(splats, camera, SPLATS.but(antialias=name, background=(0, 0, 0)))
+        right = renderer.render(splats, camera, SPLATS.replace(antialias=name, background=(0, 0, 0)))
         shown = np.rint(right.straight()[..., :3] * 255)
         left = MARGIN + panel * (180 + GAP)
         drawn = found[MARGIN : MARGIN + 180, left : left + 180].reshape(60, 3, 60, 3, 3)[:, 1, :, 1]

@@ -11,7 +11,7 @@ import splatgl as sg
 from splatgl import reference
 from splatgl.cli.main import main
 from splatgl.geometry.grid import trilinear
-from splatgl.planning.ambient_occlusion import BEFORE, Coarse, LightVolume, Sweep, compute_sky, sky_directions
+from splatgl.planning.ambient_occlusion import BEFORE, CoarseGrid, LightVolume, RaySums, compute_sky, sky_directions
 from tests.helpers.noise import GRIDS, views
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
@@ -53,8 +53,8 @@ def test_light_through_fog(direction: tuple[float, ...]) -> None:
     """exp(−σ d) from each cell's centre on, whatever the direction and the voxels' sides."""
     sigma, light = 0.05, unit(*direction)
     splats = block(np.ones((20, 24, 28)), -np.expm1(-sigma * 1.2), (1.0, 1.2, 1.44))
-    coarse = Coarse.of([(splats, ())])
-    found = Sweep.of(coarse, light).transmittance(0.0, 1e9)
+    coarse = CoarseGrid.of([(splats, ())])
+    found = RaySums.of(coarse, light).transmittance(0.0, 1e9)
     index = np.argwhere(np.ones(found.shape))[:, ::-1]
     world = index @ coarse.cells.world_from_index.T + coarse.cells.origin
     low, high = np.full(3, -0.5) * (1, 1.2, 1.44), (np.array([28, 24, 20]) - 0.5) * (1, 1.2, 1.44)
@@ -74,7 +74,7 @@ def test_voxels_of_other_grids_lie_where_they_are() -> None:
     first = block(np.ones((6, 7, 8)), 0.3)
     other = sg.Volume(np.pad(np.ones((1, 1, 1)), 1).astype(np.float32), (0.7, 0.8, 0.9), origin=(2.1, 1.9, 1.3))
     second = sg.extract(other, sg.Transfer([(0.5, 0), (1, 0.2)], unit=1.0), classification="pre")
-    alone, both = Coarse.of([(first, ())]), Coarse.of([(first, ()), (second, ())])
+    alone, both = CoarseGrid.of([(first, ())]), CoarseGrid.of([(first, ()), (second, ())])
     assert alone.extinction.shape == both.extinction.shape
     added = (both.extinction - alone.extinction).astype(np.float64)
     index = np.stack(np.meshgrid(*map(np.arange, added.shape), indexing="ij"), axis=-1)[..., ::-1]
@@ -91,7 +91,7 @@ def test_open_planes_see_all_of_the_sky() -> None:
     """
     samples = np.zeros((48, 48, 48))
     samples[:24] = 1
-    coarse = Coarse.of([(block(samples, 0.999), ())])
+    coarse = CoarseGrid.of([(block(samples, 0.999), ())])
     sky = compute_sky(coarse)
     height = (np.array([24.5 + BEFORE]) - coarse.cells.origin[2]) / coarse.cells.world_from_index[2, 2]
     middle = (np.array(sky.shape[2::-1]) - 1) / 2
@@ -155,10 +155,10 @@ def test_pictures_are_the_reference(how: dict[str, Any], technique: Any, rendere
     splats = sg.extract(cloud(), sg.Transfer([(0.3, 0), (0.7, 0.5)], colormap="viridis"))
     for name, cue in zip(("fitted", "parallel"), CUES[1:], strict=True):
         camera = views(splats)[name]
-        settings = PLAIN.but(technique=technique, light="matte", **how, **cue)
+        settings = PLAIN.replace(technique=technique, light="matte", **how, **cue)
         image = renderer.render(splats, camera, settings)
         off = np.abs(image.pixels - reference.render(splats, camera, settings).pixels)
-        plain = renderer.render(splats, camera, settings.but(ambient_occlusion=0, shadows=0)).pixels
+        plain = renderer.render(splats, camera, settings.replace(ambient_occlusion=0, shadows=0)).pixels
         # a normal across the ray may be turned to either side
         assert (off > 2e-3).mean() < 1e-3 and off.max() < 0.05 and (plain - image.pixels).max() > 0.04
         bound = image.info["error_bound"]
@@ -181,7 +181,7 @@ def test_layers_keep_light_off_each_other(renderer: sg.Renderer) -> None:
     moved = sg.Volume(high.samples, spacing=high.spacing, origin=(0.0, -3.0, 9.0))
     scene = sg.Scene([sg.Layer(low, solid[0]), sg.Layer(moved, solid[1])])
     camera = sg.Camera.orbit(scene, azimuth=20, elevation=20, size=(40, 40))
-    settings = PLAIN.but(ambient_occlusion=0.8, shadows=0.8, light="matte")
+    settings = PLAIN.replace(ambient_occlusion=0.8, shadows=0.8, light="matte")
     image = renderer.render(scene, camera, settings)
     off = np.abs(image.pixels - reference.render(scene, camera, settings).pixels)
     assert (off > 4e-3).mean() < 2e-3 and off.max() < 0.05
@@ -196,13 +196,13 @@ def test_layers_keep_light_off_each_other(renderer: sg.Renderer) -> None:
 def test_what_is_off_changes_no_program(renderer: sg.Renderer) -> None:
     splats = sg.extract(cloud(), sg.Transfer([(0.3, 0), (0.7, 0.5)]))
     camera = views(splats)["fitted"]
-    plans = [renderer.plan(splats, camera, PLAIN.but(**each)) for each in ({}, {"shadows": 0}, *CUES)]
+    plans = [renderer.plan(splats, camera, PLAIN.replace(**each)) for each in ({}, {"shadows": 0}, *CUES)]
     assert plans[0].key == plans[1].key and plans[0].resolved.cues is None
     assert len({each.program for each in plans}) == 4
-    stronger = renderer.plan(splats, camera, PLAIN.but(ambient_occlusion=0.5))
+    stronger = renderer.plan(splats, camera, PLAIN.replace(ambient_occlusion=0.5))
     assert stronger.program == plans[2].program and stronger.key != plans[2].key
     for how, said in (({"blend": "mip"}, "mip shows values"), ({"light_from": (0, 0)}, "a light at the eye")):
-        left = renderer.plan(splats, camera, PLAIN.but(shadows=1, **how))
+        left = renderer.plan(splats, camera, PLAIN.replace(shadows=1, **how))
         assert left.resolved.cues is None and said in left.explain()
 
 

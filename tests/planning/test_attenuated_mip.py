@@ -51,14 +51,14 @@ def test_rising_values_are_largest_where_attenuation_takes_as_much_as_they_rise(
     right = np.sqrt(RISE / strength) * np.exp(-0.5)
     volume = along_x(RISE * np.arange(LENGTH))
     for changes in ({}, {"sheets": 2, "steps": 1}, {"sheets": 4, "steps": 8}):
-        settings = BLEND.but(mip_attenuation=strength, technique=technique, **changes)
+        settings = BLEND.replace(mip_attenuation=strength, technique=technique, **changes)
         assert np.abs(drawn(volume, view(volume), settings) - right).max() < 4e-4
         # shaders of many parts take long to compile
         if settings.steps != 8:
             assert np.abs(drawn(volume, view(volume), settings, renderer) - right).max() < 4e-4
     # twice as fine, the same length
     fine = along_x(RISE / 2 * np.arange(2 * LENGTH), spacing=(0.5, 0.5, 0.5))
-    settings = BLEND.but(mip_attenuation=strength / 2, technique=technique)
+    settings = BLEND.replace(mip_attenuation=strength / 2, technique=technique)
     assert np.abs(drawn(fine, view(fine), settings, renderer) - right).max() < 4e-4
 
 
@@ -68,7 +68,7 @@ def test_strengths_count_per_reference_length() -> None:
     splats = sg.extract(volume, LINEAR, classification="post-all")
     double = sg.extract(volume, sg.Transfer([(0, 0), (1, 1)], unit=2.0), classification="post-all")
     one, two, none, mip = (
-        sg.reference.render(some, view(volume), BLEND.but(**changes)).pixels[..., 3]
+        sg.reference.render(some, view(volume), BLEND.replace(**changes)).pixels[..., 3]
         for some, changes in (
             (splats, {"mip_attenuation": 0.1}),
             (double, {"mip_attenuation": 0.2}),
@@ -87,7 +87,7 @@ def test_a_slab_is_attenuated_by_the_one_before_it() -> None:
         return np.where(places[0] < 15.5, near, far), np.zeros((places.shape[1], 3))
 
     for strength, right in ((0.02, far * np.exp(-0.02 * near * 16)), (0.2, near)):
-        settings = BLEND.but(mip_attenuation=strength)
+        settings = BLEND.replace(mip_attenuation=strength)
         exact = field_integral(volume, LINEAR, view(volume), field, 16, blend=settings).pixels[..., 3]
         assert np.abs(exact - right).max() < 1e-4
         # kernels turn the step into a slope of two voxels
@@ -108,7 +108,7 @@ def test_pictures_are_those_of_a_marcher(renderer: sg.Renderer) -> None:
     splats = sg.extract(volume, transfer, classification="post-all")
     camera = sg.Camera.orbit(volume, 30, 20, size=(20, 16))
     for strength in (0.05, 0.4):
-        settings = BLEND.but(mip_attenuation=strength)
+        settings = BLEND.replace(mip_attenuation=strength)
         right = march(splats, camera, "attenuated-mip", strength=strength)
         found = renderer.render(splats, camera, settings, verify_bound=False).pixels
         off = np.abs(found - right)[..., 3]

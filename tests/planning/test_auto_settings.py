@@ -72,7 +72,7 @@ def test_settings_choose_the_splats(
     how = {"post": "post-all" if name in ("mip", "minip") else "post", "pre": "pre"}[drawn[0]]
     own = sg.extract(volume, TRANSFER, classification=how, kernel=drawn[1])
     assert own.source is None and image.info["splats"] == len(own)
-    same = renderer.render(own, camera, settings.but(classification="auto"))
+    same = renderer.render(own, camera, settings.replace(classification="auto"))
     assert np.array_equal(same.pixels, image.pixels)
     right = sg.reference.render(splats, camera, settings)
     assert right.info["classification"] == drawn[0] and right.info["splats"] == len(own)
@@ -96,7 +96,7 @@ def test_a_moving_picture_is_classified_as_a_still(renderer: sg.Renderer, splats
     unblurred = renderer.render(splats, camera, sg.Settings(motion="off"), TURNING)
     assert unblurred.info["classification"] == "post" and "motion" not in unblurred.info
     for settings in (sg.Settings(), sg.Settings(motion="exact")):
-        assert renderer.render(splats, camera, settings.but(shutter=0), TURNING).info.get("motion") is None
+        assert renderer.render(splats, camera, settings.replace(shutter=0), TURNING).info.get("motion") is None
 
 
 def test_pictures_extract_others_once(renderer: sg.Renderer, volume: sg.Volume, camera: sg.Camera) -> None:

@@ -26,7 +26,7 @@ from splatgl.gl.large_volumes import render_slabs
 from splatgl.planning import bricks as bricking
 from splatgl.planning import culling
 from splatgl.planning.bricks import Bricks, bricks_of, required_bricks
-from splatgl.planning.culling import Opaque
+from splatgl.planning.culling import OpaqueBounds
 from splatgl.planning.scene import resolve_scene
 from splatgl.readers import chunked, ome_zarr
 from splatgl.readers.chunked import Chunked
@@ -64,7 +64,7 @@ def test_bricks_draw_the_picture_of_the_whole(
     volume = sg.Volume(noise(rng, (18, 15, 20)), **GRIDS[grid])
     camera = cameras(volume)[name]
     transfer = sg.Transfer(RAMP.points, colormap="hot", gradient=[(0.0, 0.5), (0.2, 1.0)]) if grid == "cubes" else RAMP
-    settings = ALL.but(blend=blend, background=(0.2, 0.5, 1.0))
+    settings = ALL.replace(blend=blend, background=(0.2, 0.5, 1.0))
     right = renderer.render(sg.extract(volume, transfer), camera, settings, verify_bound=False)
     found = renderer.render_bricks(in_bricks(volume, transfer, settings), camera, settings)
     # bands of rows have fewer splats waiting
@@ -83,7 +83,7 @@ def test_bricks_draw_regions_over_gradients(renderer: sg.Renderer, rng: np.rando
     """Of the voxels near steep ones alone, which bricks find beyond their sides; as in float64."""
     volume = sg.Volume(half_flat(rng), **GRIDS["sheared"])
     transfer = sg.Transfer(regions=["box:0.3,0.7,0.12,0.5:#ff8800:0.7"])
-    camera, settings = cameras(volume)["outside"].resized((18, 13)), ALL.but(tolerance=1e-6, antialias="off")
+    camera, settings = cameras(volume)["outside"].resized((18, 13)), ALL.replace(tolerance=1e-6, antialias="off")
     splats, bricks = sg.extract(volume, transfer, classification="post"), in_bricks(volume, transfer, settings)
     found = renderer.render_bricks(bricks, camera, settings)
     assert found.info["splats"] == len(splats) < 0.7 * volume.count
@@ -163,7 +163,7 @@ def test_random_scenes_in_bricks(renderer: sg.Renderer) -> None:
         # one tolerance of each kernel, as shaders are compiled for both; of each type of samples all kernels
         kinds = (("auto", 2e-3), ("crawfis-max", 1e-4), ("gaussian", 1e-3))
         kernel, tolerance = kinds[(number + number // 3) % len(kinds)]
-        settings = ALL.but(kernel=kernel, tolerance=tolerance)
+        settings = ALL.replace(kernel=kernel, tolerance=tolerance)
         eye = volume.center + rng.normal(size=3) * np.ptp(volume.corners, axis=0) * rng.uniform(0.1, 2)
         camera = sg.Camera.look_at(eye, volume.center, (0.1, 0.2, 1), 50, (24, 20))
         splats = sg.extract(volume, transfer, kernel=kernel if kernel != "auto" else "b-spline")
@@ -209,7 +209,7 @@ def test_pixels_of_bricks_take_all_samples(renderer: sg.Renderer, rng: np.random
     plan = renderer.plan_bricks(bricks, camera, settings)
     assert plan.antialias == "2×2 samples a pixel"
     assert "elsewhere" in renderer.plan(sg.extract(volume, RAMP), camera, settings).antialias
-    right = renderer.render(sg.extract(volume, RAMP), camera, settings.but(antialias="supersample", samples=2))
+    right = renderer.render(sg.extract(volume, RAMP), camera, settings.replace(antialias="supersample", samples=2))
     found = renderer.render_bricks(bricks, camera, settings)
     assert np.abs(found.pixels - right.pixels).max() < 5e-6
 
@@ -268,7 +268,7 @@ def test_only_what_is_seen_is_read(renderer: sg.Renderer) -> None:
     bricks = in_bricks(volume, transfer, ALL, 8)
     whole = sg.Camera.orbit(ball, size=(32, 32))
     near = sg.Camera.look_at(ball.corners[7] + 6, ball.corners[7] - 1, (0, 0, 1), 4, (32, 32))
-    read, settings = [], ALL.but(antialias="supersample")
+    read, settings = [], ALL.replace(antialias="supersample")
     for camera in (whole, near):
         parts.read = 0
         found = renderer.render_bricks(bricks, camera, settings).pixels
@@ -294,7 +294,9 @@ def test_a_budget_decides(renderer: sg.Renderer, rng: np.random.Generator, monke
     assert np.abs(parts.pixels - whole.pixels).max() < 5e-6
     assert render_slabs(volume, RAMP, camera, renderer=renderer).info["bricks"] == 0
     # voxels that are classified before are drawn whole
-    assert render_slabs(volume, RAMP, camera, ALL.but(classification="pre"), 1, renderer=renderer).info["bricks"] == 0
+    assert (
+        render_slabs(volume, RAMP, camera, ALL.replace(classification="pre"), 1, renderer=renderer).info["bricks"] == 0
+    )
     with pytest.raises(sg.InputError, match=r"^memory: expected a positive number of bytes, got 0"):
         render_slabs(volume, RAMP, camera, memory=0, renderer=renderer)
 
@@ -349,7 +351,7 @@ def test_estimates(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) ->
     assert abs(found.splats - kept) < kept / 3 and found.bytes > bricking.EACH * found.most
     assert found.splats <= found.most <= volume.count
     assert found.fitted(bricks, 2**40)[1] == 1 and found.fitted(bricks, 1)[1] >= 1
-    many = bricking.Need(10**9, 10**9, 10**12, 2**32, 2**20)
+    many = bricking.MemoryEstimate(10**9, 10**9, 10**12, 2**32, 2**20)
     few, more, most = (many.fitted(bricks, memory)[1] for memory in (2**31, 2**30, 1))
     assert 1 < few < more < most == bricking.MOST_BANDS
     monkeypatch.setattr(Bricks, "records", lambda *_: pytest.fail("read"))
@@ -459,14 +461,14 @@ def test_a_view_is_fitted_to_opaque_samples(
         sg.Volume(samples, spacing=(1.0, 2.0, 0.5), origin=(3, 4, 5)),
         sg.Transfer([(130, 0.0), (150, 1.0)]),
     )
-    found, right = Opaque(volume, transfer), sg.extract(volume, transfer, classification="pre")
+    found, right = OpaqueBounds(volume, transfer), sg.extract(volume, transfer, classification="pre")
     assert np.array_equal(found.corners, right.corners) and np.abs(found.corners - volume.corners).max() > 1
     cameras = [sg.Camera.orbit(each, 20, 30) for each in (found, right)]
     assert np.allclose(cameras[0].eye, cameras[1].eye, rtol=1e-12)
-    nothing = Opaque(volume, sg.Transfer([(300.0, 0.0), (301.0, 1.0)]))
+    nothing = OpaqueBounds(volume, sg.Transfer([(300.0, 0.0), (301.0, 1.0)]))
     assert np.array_equal(nothing.corners, volume.corners) and np.array_equal(nothing.outline, volume.outline)
     monkeypatch.setattr(culling, "MOST_EXAMINED", 100)
-    assert np.array_equal(Opaque(volume, transfer).outline, volume.outline)
+    assert np.array_equal(OpaqueBounds(volume, transfer).outline, volume.outline)
 
 
 # --- stores ---------------------------------------------------------------------------------------------------------
@@ -626,7 +628,7 @@ def test_what_bricks_do_not_hold() -> None:
     own = sg.Volume(np.ones((4, 4, 4)), color=np.zeros((4, 4, 4, 3), np.uint8))
     for volume, settings, why in (
         (own, ALL, "colours of"),
-        (plain, ALL.but(classification="pre"), "classification pre"),
+        (plain, ALL.replace(classification="pre"), "classification pre"),
     ):
         with pytest.raises(sg.InputError, match=f"^a picture in parts: expected values .*, got {why}"):
             required_bricks(volume, RAMP, settings)

@@ -13,7 +13,7 @@ import splatgl as sg
 from splatgl import reference
 from splatgl.geometry.clipping import check_planes, clip_splats
 from splatgl.planning.culling import clip_behind_eye
-from splatgl.splat.splats import Same
+from splatgl.splat.splats import IdentityKey
 from tests.helpers.noise import noise, views
 
 CUED = sg.Settings(classification="pre", shading="on", light="matte", ambient_occlusion=0.8, shadows=0.7)
@@ -42,7 +42,7 @@ def uses(splats: sg.Splats, renderer: sg.Renderer) -> None:
         renderer.render(splats, behind(splats, share))
     reference.render(splats, views(splats)["fitted"], CUED)
     for technique in ("quads", "tiles"):
-        renderer.render(splats, views(splats)["fitted"], CUED.but(technique=technique))
+        renderer.render(splats, views(splats)["fitted"], CUED.replace(technique=technique))
 
 
 def test_parts_that_are_all_are_the_splats() -> None:
@@ -93,8 +93,10 @@ def test_light_of_what_is_gone_is_not_taken_for_that_of_what_came() -> None:
 
 def test_same() -> None:
     one, other = noise("cubes", size=7), noise("cubes", size=7)
-    assert Same(one) == Same(one) != Same(other) and hash(Same(one)) == hash(Same(one))
-    gone, again = Same(one), Same(one)
+    assert IdentityKey(one) == IdentityKey(one) != IdentityKey(other) and hash(IdentityKey(one)) == hash(
+        IdentityKey(one)
+    )
+    gone, again = IdentityKey(one), IdentityKey(one)
     del one
     gc.collect()
     assert gone != again

@@ -9,7 +9,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.geometry.view import GridView
-from splatgl.planning.culling import Window
+from splatgl.planning.culling import PixelWindow
 from splatgl.reference.rays import pixel_boxes
 from splatgl.splat.kernels import kernel
 from tests.helpers.noise import GRIDS, noise, views
@@ -61,7 +61,7 @@ def test_the_window_holds_all_that_the_reference_reaches(grid: str, parallel: bo
 @pytest.mark.parametrize("grid", GRIDS)
 def test_the_window_holds_splats_of_several_pixels_blur(grid: str, parallel: bool) -> None:
     for n in range(20):
-        slack_of(grid, parallel, n, 40.0, SPLATS.but(blur_width=4.0))
+        slack_of(grid, parallel, n, 40.0, SPLATS.replace(blur_width=4.0))
 
 
 @pytest.mark.parametrize("grid", GRIDS)
@@ -78,7 +78,7 @@ def test_a_splat_is_in_every_tile_that_it_reaches(renderer: sg.Renderer, grid: s
     for turn in range(4):
         camera = sg.Camera.orbit(splats, 20 + turn, 70, size=(400, 300)).parallel(splats)
         camera = sg.Camera(camera.eye + rng.random(3), camera.eye_from_world, camera.size, camera.extent, False)
-        settings = SPLATS.but(blend="xray", technique="tiles", antialias="off")
+        settings = SPLATS.replace(blend="xray", technique="tiles", antialias="off")
         drawn = renderer.render(splats, camera, settings).pixels[..., 3]
         right = sg.reference.render(splats, camera, settings).pixels[..., 3]
         rim = (right > RIM * right.max()) & (right < 1e-4 * right.max())
@@ -96,5 +96,5 @@ def test_no_splat_reaches_beyond_the_window(renderer: sg.Renderer, grid: str, vi
     for subject in (splats, few):
         camera = views(splats)[view]
         chosen = sg.plan(subject, camera, SPLATS)
-        whole = replace(chosen, window=Window(0, 0, *camera.size))
+        whole = replace(chosen, window=PixelWindow(0, 0, *camera.size))
         assert (renderer.passes.draw(subject, chosen) == renderer.passes.draw(subject, whole)).all()

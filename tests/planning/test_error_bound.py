@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.planning.error_bound import BRIGHTER, MOVED, ULP, Bound, _deviation_at, bound
-from splatgl.planning.plan import Lookup
+from splatgl.planning.error_bound import BRIGHTER, MOVED, ULP, ErrorBound, _deviation_at, bound
+from splatgl.planning.plan import FootprintTable
 from splatgl.planning.ray_overlap import cells_of, ray_overlap
 from splatgl.planning.resolve import Resolved
 from splatgl.reference.rays import Pixels, pair_values
@@ -135,7 +135,7 @@ def test_scenes_keep_their_bound_and_it_is_near(renderer: sg.Renderer, name: str
         if name != "letter_f" and way not in SOME:
             continue
         view = camera.parallel(splats) if way == "parallel" else camera
-        error, limit = measured(renderer, splats, view, SPLATS.but(**changes))
+        error, limit = measured(renderer, splats, view, SPLATS.replace(**changes))
         print(f"{name} {way}: {error:.3g} of {limit:.3g}")
         assert 0 < error <= limit, way
         if way in COARSER:
@@ -153,7 +153,7 @@ def test_views_keep_their_bound(renderer: sg.Renderer, name: str) -> None:
     for view, camera in views(splats).items():
         # two of them each, in turn
         for way in (next(ways), next(ways)):
-            settings = SPLATS.but(**{**WAYS, **COARSER}[way])
+            settings = SPLATS.replace(**{**WAYS, **COARSER}[way])
             image = renderer.render(splats, camera, settings, verify_bound=False)
             error = np.abs(image.pixels - sg.reference.render(splats, camera, settings).pixels).max()
             assert error <= image.info["error_bound"], (view, way)
@@ -168,7 +168,7 @@ def test_no_ray_meets_more_than_is_said(name: str, few: int, monkeypatch: pytest
     splats = replace(SHAPES[name])
     assert (cells_of(splats).groups is None) == (few == 0)
     for view, camera in views(splats).items():
-        chosen = sg.plan(splats, camera, SPLATS.but(blend="xray"))
+        chosen = sg.plan(splats, camera, SPLATS.replace(blend="xray"))
         count, depth = met(splats, camera)
         found = ray_overlap(splats, chosen.view)
         assert count <= found.count <= len(splats), view
@@ -179,7 +179,7 @@ def test_no_ray_meets_more_than_is_said(name: str, few: int, monkeypatch: pytest
 
 def met(splats: sg.Splats, camera: sg.Camera) -> tuple[float, float]:
     """The most splats that a pixel's ray meets, and the most of their depth, as the reference has them."""
-    scene = _scene(splats, Resolved.of(splats, camera, SPLATS.but(blend="xray")), "row1")
+    scene = _scene(splats, Resolved.of(splats, camera, SPLATS.replace(blend="xray")), "row1")
     assert isinstance(scene, SplatScene)
     pixels = camera.size[0] * camera.size[1]
     count, depth = np.zeros(pixels), np.zeros(pixels)
@@ -209,7 +209,7 @@ def test_single_splats_keep_a_bound_that_is_near(renderer: sg.Renderer) -> None:
         pixels = int(2 * np.tan(np.radians(fov / 2)) * away / rng.uniform(0.8, 1.2))
         camera = sg.Camera.look_at(eye, eye + forward, rng.normal(size=3), fov, (min(pixels, 200),) * 2)
         splats = sg.Splats.from_points([[0.0, 0.0, 0.0]], [[1.0, 1.0, 1.0]], [0.5])
-        settings = SPLATS.but(blend="xray" if n % 2 else "mip", kernel="crawfis-max" if n % 3 else "gaussian")
+        settings = SPLATS.replace(blend="xray" if n % 2 else "mip", kernel="crawfis-max" if n % 3 else "gaussian")
         error, limit = measured(renderer, splats, camera, settings)
         assert error <= limit
         shares[sg.plan(splats, camera, settings).program.seen.antialias].append(error / limit)
@@ -223,7 +223,7 @@ def test_quads_that_reach_beside_the_eye(renderer: sg.Renderer, technique: str) 
     for turn in np.linspace(0.0, 0.3, 8):
         eye = np.array([-0.9 - turn, -3.8, -2.3])
         camera = sg.Camera.look_at(eye, eye + np.array([0.285, 0.516 + turn, 0.808]), (0, 0, 1), 173, (21, 5))
-        settings = SPLATS.but(technique=technique, antialias="off", kernel="b-spline")
+        settings = SPLATS.replace(technique=technique, antialias="off", kernel="b-spline")
         error, limit = measured(renderer, splats, camera, settings)
         assert error <= limit < 1e-3
         assert error < 2e-5
@@ -236,7 +236,7 @@ def test_quads_beside_the_eye(shape: str, request: pytest.FixtureRequest) -> Non
     eye = splats.corners.mean(axis=0).round()
     for forward in ((1.0, 0.0, 0.0), (0.6, 0.8, 0.0)):
         camera = sg.Camera.look_at(eye, eye + np.array(forward), (0, 0, 1), 100, (16, 12))
-        settings = SPLATS.but(technique="quads", blend="xray", antialias="off")
+        settings = SPLATS.replace(technique="quads", blend="xray", antialias="off")
         error, limit = measured(request.getfixturevalue(shape), splats, camera, settings)
         assert error <= limit < 1e-2
 
@@ -262,7 +262,7 @@ def test_a_finer_picture_is_drawn_only_where_it_is_needed(
         ({"target": "rgba16f"}, True, 2),
     ):
         drawn.clear()
-        renderer.render(splats, camera, SPLATS.but(**changes), verify_bound=held)
+        renderer.render(splats, camera, SPLATS.replace(**changes), verify_bound=held)
         assert len(drawn) == count, changes
 
 
@@ -287,7 +287,7 @@ def test_moving_pictures_keep_their_bound(renderer: sg.Renderer, move: str) -> N
             {"motion": "paper", "attenuation": "opacity"},
             {},
         ):
-            settings = SPLATS.but(motion="exact").but(**changes)
+            settings = SPLATS.replace(motion="exact").replace(**changes)
             image = renderer.render(splats, camera, settings, motion)
             assert image.info["motion"] == settings.motion
             right = streaks.render(splats, camera, settings, motion, settings.shutter, settings.motion).pixels
@@ -295,7 +295,7 @@ def test_moving_pictures_keep_their_bound(renderer: sg.Renderer, move: str) -> N
             assert 0 < error <= image.info["error_bound"], (view, changes)
             near.append(image.info["error_bound"] / max(error, 1e-5))
     assert min(near) < 30
-    inside = renderer.render(splats, views(splats)["inside"], SPLATS.but(motion="exact"), motion)
+    inside = renderer.render(splats, views(splats)["inside"], SPLATS.replace(motion="exact"), motion)
     assert inside.info["error_bound"] is None
 
 
@@ -303,7 +303,7 @@ def test_streaks_of_long_voxels_have_a_bound_before_z_k_alone(renderer: sg.Rende
     splats, motion = SHAPES["long voxels"], MOVES["passes"]
     for view, known in (("near", True), ("far", False)):
         camera = views(splats)[view].resized((200, 150) if known else (20, 15))
-        image = renderer.render(splats, camera, SPLATS.but(motion="exact"), motion)
+        image = renderer.render(splats, camera, SPLATS.replace(motion="exact"), motion)
         assert (image.info["error_bound"] is not None) is known
 
 
@@ -324,7 +324,7 @@ def test_faint_pictures_have_faint_bounds(renderer: sg.Renderer) -> None:
     splats = lattice(8, 1e-7)
     for view, camera in views(splats).items():
         for changes in ({}, {"align": "grid"}, {"target": "rgba16f"}, {"target": "rgba8"}, {"compositing": "sheets"}):
-            settings = SPLATS.but(**changes)
+            settings = SPLATS.replace(**changes)
             image = renderer.render(splats, camera.resized((9, 7)), settings, verify_bound=False)
             limit, sums = image.info["error_bound"], met(splats, camera.resized((9, 7)))[1]
             assert limit <= 3 * sums, (view, changes)
@@ -335,7 +335,7 @@ def test_no_ray_is_brighter_than_is_said() -> None:
     for name in ("fog", "cloud", "long voxels"):
         splats = SHAPES[name]
         for view, camera in views(splats).items():
-            settings = SPLATS.but(blend="xray")
+            settings = SPLATS.replace(blend="xray")
             chosen = sg.plan(splats, camera.resized((9, 7)), settings)
             brightest = sg.reference.render(splats, camera.resized((9, 7)), settings).pixels[..., 3].max()
             found, peak = ray_overlap(splats, chosen.view), float(chosen.kernel.footprint(np.zeros(())))
@@ -376,13 +376,13 @@ def test_splats_near_the_eye_do_not_weigh_on_far_ones(renderer: sg.Renderer) -> 
     places = np.concatenate([block.positions + block.grid.origin, [[4.0, 4.0, -29.5]]])
     both = sg.Splats.from_points(places, np.ones_like(places), np.append(np.full(len(block), 0.05), 1e-7))
     for changes in ({"align": "grid"}, {"align": "exact"}):
-        limits = [renderer.render(s, camera, SPLATS.but(**changes)).info["error_bound"] for s in (block, both)]
+        limits = [renderer.render(s, camera, SPLATS.replace(**changes)).info["error_bound"] for s in (block, both)]
         assert limits[1] < 1.3 * limits[0] + 1e-6, changes
 
 
 def test_tables_of_kernels_with_a_rim_are_off_by_no_more_than_they_fall() -> None:
     """The second derivative across the rim of the Gaussian has no bound, the step has."""
-    found = _deviation_at(Lookup("gaussian", "table", 256, 32), 1e-7, 1e-12)
+    found = _deviation_at(FootprintTable("gaussian", "table", 256, 32), 1e-7, 1e-12)
     assert found.max() < 0.02
 
 
@@ -391,7 +391,7 @@ def test_only_opaque_pictures_hide_light(renderer: sg.Renderer) -> None:
     camera = sg.Camera.orthographic((4.5, 4.5, -9), (4.5, 4.5, 0), (0, 1, 0), 4, (30, 20))
     for extinction, hides in ((0.1, False), (8.0, True)):
         splats = lattice(10, extinction)
-        chosen = renderer.plan(splats, camera, SPLATS.but(technique="tiles"))
+        chosen = renderer.plan(splats, camera, SPLATS.replace(technique="tiles"))
         found = bound(splats, chosen, renderer.render(splats, camera, SPLATS).pixels)
         assert found is not None and (found.hidden > 0) is hides and found.hidden < chosen.hiding.cutoff
 
@@ -419,8 +419,8 @@ def test_the_bound_follows_what_makes_the_error(renderer: sg.Renderer) -> None:
     splats = sg.extract(volume, sg.default_transfer(volume), classification="pre")
     camera = sg.Camera.orbit(splats, size=SIZE)
 
-    def parts(**changes: Any) -> Bound:
-        found = bound(splats, sg.plan(splats, camera, SPLATS.but(**changes)), OPAQUE)
+    def parts(**changes: Any) -> ErrorBound:
+        found = bound(splats, sg.plan(splats, camera, SPLATS.replace(**changes)), OPAQUE)
         assert found is not None
         return found
 
@@ -476,7 +476,7 @@ def test_the_second_order_is_as_large_as_measured(renderer: sg.Renderer) -> None
         fov = 2 * np.degrees(np.arctan(pixels * beyond / depth / 2))
         camera = sg.Camera.look_at(eye, eye + np.array([0, 0, 1.0]), (0, -1, 0), fov, (pixels, pixels))
         splats = sg.Splats.from_points([[0.0, 0.0, 0.0]], [[1.0, 1.0, 1.0]], [1.0])
-        settings = SPLATS.but(blend="mip", technique="quads")
+        settings = SPLATS.replace(blend="mip", technique="quads")
         assert sg.plan(splats, camera, settings).program.seen.antialias
         drawn, right = (
             (render(splats, camera, settings).pixels[..., 3] / (1 - np.exp(-1.0))).clip(0, 1)
@@ -513,6 +513,6 @@ def test_over_loses_more_than_one_rounding_a_blend() -> None:
     error = abs(float(drawn) - right)
     column = lattice(count, 0.5, (0, 0, 1))
     camera = sg.Camera.look_at((0, 0, -40), (0, 0, 0), (0, 1, 0), 20, (64, 64))
-    said = bound(column, sg.plan(column, camera, SPLATS.but(technique="quads")), OPAQUE)
+    said = bound(column, sg.plan(column, camera, SPLATS.replace(technique="quads")), OPAQUE)
     assert said is not None
     assert count * ULP / 4 < error <= said.rounding

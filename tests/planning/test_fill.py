@@ -94,8 +94,8 @@ def test_a_deep_dot_is_the_same_on_the_gpu(renderer: sg.Renderer, kind: str) -> 
     for depth in (3.0, 8.0, 16.0):
         dot = sg.Splats.from_points([[0.0, 0, 0]], [[1.0, 1, 1]], [depth])
         camera = sg.Camera.look_at((0, 0, -100), (0.01, 0.02, 0), (0, 1, 0), 12, (9, 9))
-        settings = SPLATS.but(technique=kind, occlusion="off")
-        assert sg.plan(dot, camera, settings, tiles=True).program.look.attenuation == "fill"
+        settings = SPLATS.replace(technique=kind, occlusion="off")
+        assert sg.plan(dot, camera, settings, tiles=True).program.appearance.attenuation == "fill"
         right = sg.reference.render(dot, camera, settings).pixels
         assert np.abs(renderer.render(dot, camera, settings).pixels - right).max() < 3e-4 * right.max()
 
@@ -131,10 +131,10 @@ def test_nearest_to_supersampling(make, m: float, renderer: sg.Renderer) -> None
     size = round(2 * math.tan(math.radians(13)) * 200 / m)
     camera = sg.Camera.look_at(middle + np.array([15.0, -30, -197]), middle, (0, -1, 0), 26, (size, size))
     samples = math.ceil(float(camera.pixel_pitch(camera.eye_from_points(splats.corners)[:, 2].max())))
-    right = renderer.render(splats, camera, SPLATS.but(antialias="supersample", samples=samples)).pixels
+    right = renderer.render(splats, camera, SPLATS.replace(antialias="supersample", samples=samples)).pixels
     rmse = {}
     for form in FORMS:
-        drawn = renderer.render(splats, camera, SPLATS.but(attenuation=form)).pixels
+        drawn = renderer.render(splats, camera, SPLATS.replace(attenuation=form)).pixels
         rmse[form] = float(np.sqrt(((drawn - right) ** 2).mean()))
     assert rmse["fill"] <= 1.01 * min(rmse["opacity"], rmse["optical-depth"])
     if make is not wall:
@@ -145,7 +145,7 @@ def test_nothing_changes_before_z_k(renderer: sg.Renderer) -> None:
     splats = matter(dots())
     camera = sg.Camera.orbit(splats, 30, 20, size=(300, 300))
     assert not sg.plan(splats, camera, SPLATS).program.seen.antialias
-    drawn = [renderer.render(splats, camera, SPLATS.but(attenuation=form)).pixels for form in FORMS]
+    drawn = [renderer.render(splats, camera, SPLATS.replace(attenuation=form)).pixels for form in FORMS]
     assert (drawn[0] == drawn[1]).all()
     assert (drawn[0] == drawn[2]).all()
 
@@ -153,5 +153,5 @@ def test_nothing_changes_before_z_k(renderer: sg.Renderer) -> None:
 def test_fill_is_what_auto_means() -> None:
     splats = matter(dots())
     far = sg.Camera.orbit(splats, size=(20, 20))
-    assert sg.plan(splats, far, SPLATS).program.look.attenuation == "fill"
-    assert sg.plan(splats, far, SPLATS.but(blend="xray")).program.look.attenuation == "optical-depth"
+    assert sg.plan(splats, far, SPLATS).program.appearance.attenuation == "fill"
+    assert sg.plan(splats, far, SPLATS.replace(blend="xray")).program.appearance.attenuation == "optical-depth"

@@ -111,7 +111,7 @@ def test_a_block_is_as_wide_as_its_voxels(renderer: sg.Renderer, opacity: float,
     middle = volume.center
     camera = sg.Camera.orthographic(middle - (0, 50 * spacing, 0), middle, (0, 0, 1), height=height, size=(pixels, 20))
     for technique in ("tiles", "quads"):
-        drawn = renderer.render(splats_of(volume), camera, PLAIN.but(technique=technique))
+        drawn = renderer.render(splats_of(volume), camera, PLAIN.replace(technique=technique))
         assert drawn.info["kernel"] == "box" and drawn.info["technique"] == technique
         alpha = drawn.pixels[10, :, 3]
         inside = np.flatnonzero(alpha > 1e-7)
@@ -132,7 +132,7 @@ def test_pictures_are_those_marched_from_face_to_face(
         found = sg.reference.render(splats_of(volume), camera, PLAIN).pixels
         assert np.abs(found - right).max() < 1e-7, name
         for technique, most in (("tiles", 4e-4), ("quads", 2e-5)):
-            drawn = renderer.render(splats_of(volume), camera, PLAIN.but(technique=technique)).pixels
+            drawn = renderer.render(splats_of(volume), camera, PLAIN.replace(technique=technique)).pixels
             assert np.abs(drawn - right).max() < most, (name, technique)
 
 
@@ -144,10 +144,10 @@ def test_planes_cut_boxes_exactly(grid: str, renderer: sg.Renderer, rng: np.rand
     planes = ((*normal.tolist(), float(normal @ volume.center)), (0.0, 0.0, 1.0, float(volume.center[2]) - 1.3))
     for name, camera in views(volume).items():
         right = marched(volume, camera, planes)
-        cut = PLAIN.but(clip=planes)
+        cut = PLAIN.replace(clip=planes)
         assert np.abs(sg.reference.render(splats_of(volume), camera, cut).pixels - right).max() < 1e-7, name
         for technique, most in (("tiles", 4e-4), ("quads", 5e-5)):
-            drawn = renderer.render(splats_of(volume), camera, cut.but(technique=technique)).pixels
+            drawn = renderer.render(splats_of(volume), camera, cut.replace(technique=technique)).pixels
             assert np.abs(drawn - right).max() < most, (name, technique)
 
 
@@ -167,7 +167,7 @@ def test_neighbours_do_not_mix(renderer: sg.Renderer) -> None:
 def test_sums_and_maxima(blend: str, renderer: sg.Renderer, rng: np.random.Generator) -> None:
     """Σ τ along the ray; the largest opacity that it meets."""
     volume = noise(rng, "3:1")
-    camera, settings = views(volume)["outside"], PLAIN.but(blend=blend)
+    camera, settings = views(volume)["outside"], PLAIN.replace(blend=blend)
     found = sg.reference.render(splats_of(volume), camera, settings).pixels
     right = marched(volume, camera)[..., 3]
     if blend == "xray":
@@ -176,7 +176,7 @@ def test_sums_and_maxima(blend: str, renderer: sg.Renderer, rng: np.random.Gener
         assert set(np.round(np.unique(found[..., 3]), 6).tolist()) <= {0.0, 0.0495, 0.495, 0.99}
         assert np.array_equal(found[..., 3] > 0, right > 0)
     for technique in ("tiles", "quads"):
-        drawn = renderer.render(splats_of(volume), camera, settings.but(technique=technique)).pixels
+        drawn = renderer.render(splats_of(volume), camera, settings.replace(technique=technique)).pixels
         assert np.abs(drawn - found).max() < 5e-5, technique
 
 
@@ -195,7 +195,7 @@ def test_a_ball_is_lit_as_a_ball(most: int, monkeypatch: pytest.MonkeyPatch) -> 
     volume = ball()
     middle = volume.center
     camera = sg.Camera.orthographic(middle - (3, 40, 7), middle, (0, 0, 1), height=16, size=(48, 48))
-    drawn = sg.reference.render(splats_of(volume), camera, PLAIN.but(shading="on")).pixels
+    drawn = sg.reference.render(splats_of(volume), camera, PLAIN.replace(shading="on")).pixels
     across, down = np.meshgrid(*camera.slopes())
     share = (across**2 + down**2) / 9.3**2
     some = share < 0.7
@@ -220,7 +220,7 @@ def test_light_is_the_reference_s(settings: sg.Settings, renderer: sg.Renderer, 
     camera = sg.Camera.look_at(middle + np.array([18, -20, 9]), middle, (0, 0, 1), fov=40, size=(30, 30))
     right = sg.reference.render(splats_of(volume), camera, settings).pixels
     for technique, most in (("tiles", 4e-4), ("quads", 1e-4)):
-        drawn = renderer.render(splats_of(volume), camera, settings.but(technique=technique)).pixels
+        drawn = renderer.render(splats_of(volume), camera, settings.replace(technique=technique)).pixels
         assert np.abs(drawn - right).max() < most, technique
 
 
@@ -272,7 +272,7 @@ def test_what_asks_for_a_kernel_has_it(renderer: sg.Renderer, rng: np.random.Gen
     splats = splats_of(noise(rng, "cubes"))
     camera = views(noise(rng, "cubes"))["outside"]
     for asked in ({"kernel": "gaussian"}, {"antialias": "paper"}, {"align": "ray"}, {"attenuation": "opacity"}):
-        assert renderer.plan(splats, camera, sg.Settings().but(**asked)).kernel.name != "box"
+        assert renderer.plan(splats, camera, sg.Settings().replace(**asked)).kernel.name != "box"
     assert renderer.plan(splats, camera, sg.Settings(compositing="sheets")).kernel.name == "box"
 
 
@@ -348,7 +348,7 @@ def test_boxes_that_others_hide_are_left_out(renderer: sg.Renderer) -> None:
     x, y, z = np.array([0.8, 0.0, 0.6])
     within = sg.Camera.look_at(middle, middle + np.array([1.0, 0.2, 0.1]), (0, 0, 1), fov=60, size=(16, 16))
     beside = sg.Camera.orthographic(middle, middle + np.array([1.0, 0.2, 0.1]), (0, 0, 1), height=60, size=(16, 16))
-    cut = PLAIN.but(clip=((x, y, z, float(np.dot((x, y, z), middle))),))
+    cut = PLAIN.replace(clip=((x, y, z, float(np.dot((x, y, z), middle))),))
     assert drawn(within) == drawn(beside) == drawn(aside, cut) == len(splats)
 
 
@@ -357,7 +357,7 @@ def test_moving_labels_are_means_of_boxes(renderer: sg.Renderer, rng: np.random.
     splats = splats_of(noise(rng, "cubes"))
     camera, moves = views(noise(rng, "cubes"))["outside"], sg.Motion(spin=(0, 0, 20))
     for blend in ("composite", "xray"):
-        settings = PLAIN.but(blend=blend, moments=2)
+        settings = PLAIN.replace(blend=blend, moments=2)
         plan = renderer.plan(splats, camera, settings, moves)
         assert plan.moments == 2 and plan.exposure is None and plan.kernel.name == "box"
-    assert renderer.plan(splats, camera, PLAIN.but(blend="xray", motion="exact"), moves).exposure is not None
+    assert renderer.plan(splats, camera, PLAIN.replace(blend="xray", motion="exact"), moves).exposure is not None

@@ -70,7 +70,7 @@ def test_the_picture_is_its_twin(
     placed = {"spacing": (1.0, 1.0, 8.0)} if grid == "8:1" else GRIDS[grid]
     splats = every(cells(), **placed)
     assert len(splats) == cells().size
-    settings = EXACT.but(blend=blend, technique=technique, **changes)
+    settings = EXACT.replace(blend=blend, technique=technique, **changes)
     # classes are means over the cells of a table
     assert difference(renderer, splats, eyes(splats)[view], settings) < 2e-4
 
@@ -81,14 +81,14 @@ def test_without_compute_shaders_quads_draw_the_same(
     renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, blend: str
 ) -> None:
     """Bit for bit, also after another blend and view, and after all was released."""
-    splats, settings = every(cells()), EXACT.but(blend=blend)
+    splats, settings = every(cells()), EXACT.replace(blend=blend)
     camera, other = eyes(splats)["fitted"], eyes(splats)["close"].resized((60, 20))
     tiles_drew = renderer.render(splats, camera, settings, verify_bound=False).pixels
     monkeypatch.setattr(renderer, "tiles", None)
     found = []
     for between in (
         lambda: renderer.passes.release(),
-        *(partial(renderer.render, splats, other, EXACT.but(blend=name)) for name in BLENDS),
+        *(partial(renderer.render, splats, other, EXACT.replace(blend=name)) for name in BLENDS),
     ):
         between()
         image = renderer.render(splats, camera, settings, verify_bound=False)
@@ -109,7 +109,7 @@ def test_values_may_be_far_from_those_they_were_extracted_for(
     splats = splats.with_classifier(splats.post.with_transfer(RAMP))
     assert splats.records["value"].max() < -300 if kept[0] else splats.records["value"].max() > 900
     for blend in BLENDED:
-        settings = EXACT.but(blend=blend, technique=technique)
+        settings = EXACT.replace(blend=blend, technique=technique)
         assert difference(renderer, splats, eyes(splats)["fitted"], settings) < 2e-4
 
 
@@ -117,7 +117,7 @@ def test_values_may_be_far_from_those_they_were_extracted_for(
 @pytest.mark.parametrize("blend", ["composite", *BLENDED])
 def test_quads_in_bands_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, blend: str) -> None:
     """Of any number of rows, also after one was cancelled within a band; nothing reaches the outer ones."""
-    splats, settings = every(cells()), EXACT.but(blend=blend, technique="quads", sheets=2, steps=1)
+    splats, settings = every(cells()), EXACT.replace(blend=blend, technique="quads", sheets=2, steps=1)
     for view, rows in (("parallel", 8), ("inside", 24)):
         camera = eyes(splats)[view]
         whole = renderer.render(splats, camera, settings, verify_bound=False).pixels
@@ -140,7 +140,7 @@ def test_quads_in_bands_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest
 def test_batches_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, blend: str) -> None:
     """What is kept of a pixel between two portions is classified once, at the end."""
     splats = every(cells())
-    settings = EXACT.but(blend=blend, sheets=3, steps=1)
+    settings = EXACT.replace(blend=blend, sheets=3, steps=1)
     # tiles of the larger picture leave the box before their list ends
     for view, size in (("fitted", (48, 36)), ("close", (48, 36)), ("fitted", (144, 108))):
         camera = eyes(splats)[view].resized(size)
@@ -167,12 +167,13 @@ def test_a_constant_is_what_the_transfer_function_says(renderer: sg.Renderer, gr
         right = np.append(transfer.color(np.array(0.5)), 1.0) * transfer.opacity(0.5)
         for camera in (sg.Camera.orbit(volume, 30, 20, size=(16, 14)), sg.Camera.orbit(volume, 0, 0, size=(16, 14))):
             field = field_integral(volume, transfer, camera, steps_per_voxel=1, blend=blend).pixels
-            settings = EXACT.but(blend=blend)
+            settings = EXACT.replace(blend=blend)
             twin, four = (
-                sg.reference.render(splats, camera, settings.but(**changes)).pixels for changes in ({}, {"sheets": 4})
+                sg.reference.render(splats, camera, settings.replace(**changes)).pixels
+                for changes in ({}, {"sheets": 4})
             )
             drawn, by_quads = (
-                renderer.render(splats, camera, settings.but(technique=technique), verify_bound=False).pixels
+                renderer.render(splats, camera, settings.replace(technique=technique), verify_bound=False).pixels
                 for technique in TECHNIQUES
             )
             seen = field[..., 3] > 0
@@ -193,7 +194,7 @@ def test_sheets_draw_the_fields_value(blend: str) -> None:
     splats = every(volume.samples, transfer)
     missed = []
     for changes in ({"sheets": 2}, {"sheets": 3}, {"sheets": 4}, {"sheets": 3, "steps": 1}):
-        found = sg.reference.render(splats, camera, EXACT.but(blend=blend, **changes)).pixels[..., 3]
+        found = sg.reference.render(splats, camera, EXACT.replace(blend=blend, **changes)).pixels[..., 3]
         assert np.abs(found - right).max() < 0.06
         missed.append(float(np.sqrt(((found - right) ** 2).mean())))
     assert missed[0] > missed[1] > missed[2] and missed[1] < (0.0006 if blend == "mean" else 0.0045)
@@ -205,7 +206,7 @@ def test_a_maximum_is_no_less_than_a_mean_and_that_than_a_minimum(renderer: sg.R
     splats = every(cells())
     camera = eyes(splats)["fitted"]
     low, middle, high = (
-        renderer.render(splats, camera, EXACT.but(blend=blend), verify_bound=False).pixels[..., 3]
+        renderer.render(splats, camera, EXACT.replace(blend=blend), verify_bound=False).pixels[..., 3]
         for blend in ("minip", "mean", "mip")
     )
     assert (low <= middle + 1e-5).all() and (middle <= high + 1e-5).all() and (high - low).max() > 0.5
@@ -220,7 +221,7 @@ def test_missing_voxels_have_no_share(renderer: sg.Renderer, blend: str, techniq
     holes[:, :, :7] = np.nan
     splats = every(holes)
     camera = sg.Camera.orbit(sg.Volume(np.ones(holes.shape)), 90, 0, size=(24, 24)).parallel(sg.Volume(holes))
-    settings = EXACT.but(blend=blend, technique=technique)
+    settings = EXACT.replace(blend=blend, technique=technique)
     assert difference(renderer, splats, camera, settings) < 1e-4
     alpha = renderer.render(splats, camera, settings, verify_bound=False).pixels[..., 3]
     field = field_integral(sg.Volume(holes), RAMP, camera, steps_per_voxel=2, blend=blend).pixels[..., 3]
@@ -243,7 +244,7 @@ def test_every_voxel_also_serves_compositing() -> None:
 def test_another_transfer_function_colours_the_same_value(renderer: sg.Renderer) -> None:
     """The value is what the transfer function does not change, if it rises."""
     splats = every(cells())
-    camera, settings = eyes(splats)["fitted"], EXACT.but(blend="mip")
+    camera, settings = eyes(splats)["fitted"], EXACT.replace(blend="mip")
     other = splats.with_classifier(splats.post.with_transfer(sg.Transfer([(0.2, 0), (0.8, 0.5)], colormap="viridis")))
     one, two = (renderer.render(some, camera, settings, verify_bound=False).pixels[..., 3] for some in (splats, other))
     assert np.abs(one * (0.5 / 0.9) - two).max() < 1e-4 and one.max() > 0.5
@@ -325,7 +326,7 @@ def test_a_constant_volume_has_the_colour_of_its_value(renderer: sg.Renderer, bl
     volume = sg.Volume(np.full((3, 3, 3), 100.0))
     transfer = sg.default_transfer(volume)
     color = transfer.color(100.0) * transfer.opacity(100.0)
-    settings = EXACT.but(blend=blend, technique="quads")
+    settings = EXACT.replace(blend=blend, technique="quads")
     splats = sg.extract(volume, transfer, classification="post")
     image = renderer.render(splats, sg.Camera.orbit(volume, 20, 15, size=(5, 5)), settings)
     assert np.abs(image.pixels[2, 2, :3] - color).max() < 1e-3
@@ -336,6 +337,6 @@ def test_sums_of_a_constant_volume_have_float32_s_digits(renderer: sg.Renderer, 
     """Cells of the table are differences of values, of which float64 has few digits where they are too narrow."""
     volume = sg.Volume(np.full((4, 4, 4), value))
     splats = sg.extract(volume, sg.default_transfer(volume), classification="post")
-    camera, settings = sg.Camera.orbit(volume, 20, 15, size=(5, 5)), EXACT.but(blend="xray", technique="quads")
+    camera, settings = sg.Camera.orbit(volume, 20, 15, size=(5, 5)), EXACT.replace(blend="xray", technique="quads")
     right = sg.reference.render(splats, camera, settings).pixels
     assert np.abs(renderer.render(splats, camera, settings).pixels / right.max() - right / right.max()).max() < 1e-5

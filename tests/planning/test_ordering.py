@@ -9,7 +9,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.planning import culling
-from splatgl.planning.culling import Order, back_to_front, order_for
+from splatgl.planning.culling import OrderKey, back_to_front, order_for
 from tests.helpers.splatting import SPLATS
 
 
@@ -96,7 +96,7 @@ def test_planes_lie_across_the_view() -> None:
 def test_every_splat_is_drawn_once(axis: int) -> None:
     splats = sg.extract(sg.Volume(np.ones((5, 6, 7))), sg.Transfer([(0, 0.5)]), classification="pre")
     for cell in ((3, 2, 2), (-1, 6, 5), (7, -1, 0)):
-        assert sorted(back_to_front(splats, Order(cell, axis))) == list(range(len(splats)))
+        assert sorted(back_to_front(splats, OrderKey(cell, axis))) == list(range(len(splats)))
 
 
 def test_front_to_back_is_the_same_picture(renderer: sg.Renderer) -> None:
@@ -106,7 +106,7 @@ def test_front_to_back_is_the_same_picture(renderer: sg.Renderer) -> None:
     for eye in ((30.0, 40.0, 25.0), (6.3, 5.9, 7.1)):
         camera = sg.Camera.look_at(eye, (6, 6.5, 0), (0, 1, 0), size=(64, 64))
         back = renderer.render(splats, camera, SPLATS).pixels
-        front = renderer.render(splats, camera, SPLATS.but(order="front-to-back")).pixels
+        front = renderer.render(splats, camera, SPLATS.replace(order="front-to-back")).pixels
         assert np.abs(back - front).max() < 3e-6
         assert back[..., 3].max() > 0.3
 

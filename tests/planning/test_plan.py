@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.planning.culling import Window
+from splatgl.planning.culling import PixelWindow
 from splatgl.planning.plan import Plan
-from splatgl.planning.technique import Hiding
+from splatgl.planning.technique import OcclusionCulling
 from tests.helpers.noise import noise, views
 from tests.helpers.splatting import SPLATS
 
@@ -37,10 +37,10 @@ def forced(name: str, chosen: Plan, camera: sg.Camera) -> tuple[Plan, Plan, floa
         # other tiles end at other splats
         "rows beyond the window": (
             chosen,
-            replace(chosen, window=Window(0, 0, *camera.size)),
+            replace(chosen, window=PixelWindow(0, 0, *camera.size)),
             chosen.hiding.cutoff if tiled else 0.0,
         ),
-        "hidden splats": (chosen, replace(chosen, hiding=Hiding()), chosen.hiding.cutoff),
+        "hidden splats": (chosen, replace(chosen, hiding=OcclusionCulling()), chosen.hiding.cutoff),
     }[name]
 
 
@@ -56,7 +56,7 @@ FEATURES = (
 def test_forced_on(renderer: sg.Renderer, name: str, size: int) -> None:
     splats = noise(size=size, opacity=0.9)
     camera = views(splats)["fitted"].resized((180, 135))
-    chosen = renderer.plan(splats, camera, SPLATS.but(technique="tiles"))
+    chosen = renderer.plan(splats, camera, SPLATS.replace(technique="tiles"))
     assert not chosen.program.seen.antialias and not chosen.program.seen.half_line and chosen.program.seen.cubic
     without, with_it, change = forced(name, chosen, camera)
     drawn = renderer.passes.draw(splats, without)
@@ -68,7 +68,7 @@ def test_order_is_left_out_of_sums(renderer: sg.Renderer) -> None:
     splats = noise()
     camera = views(splats)["fitted"]
     for blend in ("xray", "mip"):
-        chosen = renderer.plan(splats, camera, SPLATS.but(blend=blend))
+        chosen = renderer.plan(splats, camera, SPLATS.replace(blend=blend))
         assert any(note.startswith("ordering left out") for note in chosen.notes)
         renderer.passes.draw(splats, chosen)
         drawn = renderer.passes.device.splats.of(splats).textured
@@ -81,6 +81,6 @@ def test_every_note_says_what_it_changes(renderer: sg.Renderer) -> None:
     splats = noise()
     for camera in views(splats).values():
         for blend in ("composite", "xray", "mip"):
-            for note in renderer.plan(splats, camera, SPLATS.but(blend=blend)).notes:
+            for note in renderer.plan(splats, camera, SPLATS.replace(blend=blend)).notes:
                 assert " left out: " in note
                 assert any(word in note for word in ("picture", "rounding", "perpendicular", "eye", "pixels")), note

@@ -87,10 +87,10 @@ def test_the_picture_is_its_twin(
     renderer: sg.Renderer, grid: str, view: str, count: int, steps: int, changes: dict[str, Any], technique: Technique
 ) -> None:
     splats = matter(grid)
-    settings = EXACT.but(sheets=count, steps=steps, technique=technique, **changes)
+    settings = EXACT.replace(sheets=count, steps=steps, technique=technique, **changes)
     chosen = renderer.plan(splats, eyes(splats)[view], settings)
-    assert chosen.program.technique == technique and chosen.program.look.steps == steps
-    assert chosen.program.look.shading == (settings.shading == "auto") and chosen.kernel.name == "b-spline"
+    assert chosen.program.technique == technique and chosen.program.appearance.steps == steps
+    assert chosen.program.appearance.shading == (settings.shading == "auto") and chosen.kernel.name == "b-spline"
     assert differences(renderer, splats, eyes(splats)[view], settings).max() < 1e-4
 
 
@@ -105,7 +105,7 @@ def test_quads_composite_what_lies_behind_a_gap(renderer: sg.Renderer, count: in
     splats = splats.part((depth < 8) | (depth > 22))
     middle = splats.corners.mean(axis=0)
     side = sg.Camera.look_at(middle + np.array([3.0, 4.0, 36.0]), middle, (0, 1, 0), 30, (40, 30))
-    settings = EXACT.but(sheets=count, steps=2, technique="quads")
+    settings = EXACT.replace(sheets=count, steps=2, technique="quads")
     for camera in (side, side.parallel(splats)):
         chosen = renderer.plan(splats, camera, settings)
         assert chosen.resolved.sheets is not None
@@ -118,10 +118,10 @@ def test_widened_kernels_are_their_twin_s(renderer: sg.Renderer) -> None:
     """Values are means: no form of attenuation changes them. In perspective widening is exact up to 1/z_k²."""
     splats = matter()
     for view, allowed in (("parallel, far", 4e-5), ("far", 2e-3)):
-        settings = EXACT.but(antialias="paper", sheets=2, steps=1)
+        settings = EXACT.replace(antialias="paper", sheets=2, steps=1)
         for name in ("fill", "auto"):
-            chosen = renderer.plan(splats, eyes(splats)[view], settings.but(attenuation=name))
-            assert chosen.program.seen.antialias and chosen.program.look.attenuation == "optical-depth"
+            chosen = renderer.plan(splats, eyes(splats)[view], settings.replace(attenuation=name))
+            assert chosen.program.seen.antialias and chosen.program.appearance.attenuation == "optical-depth"
         assert differences(renderer, splats, eyes(splats)[view], settings).max() < allowed
 
 
@@ -159,7 +159,7 @@ def test_packed_splats_are_their_twins(renderer: sg.Renderer, grid: str, view: s
     assert (
         chosen.packed
         and chosen.seen.half_line == (view == "inside")
-        and chosen.look.weighted == ("gradient" in changes)
+        and chosen.appearance.weighted == ("gradient" in changes)
     )
     off = differences(renderer, splats, eyes(splats)[view], settings)
     assert off.max() < 5e-4 and np.sqrt((off**2).mean()) < 5e-5
@@ -182,7 +182,7 @@ def test_batches_draw_the_same(
 ) -> None:
     splats = matter()
     for view in ("fitted", "close"):
-        camera, settings = eyes(splats)[view], EXACT.but(sheets=3, steps=1, occlusion="off")
+        camera, settings = eyes(splats)[view], EXACT.replace(sheets=3, steps=1, occlusion="off")
         whole = renderer.render(splats, camera, settings).pixels
         with monkeypatch.context() as patched:
             for module, name, value in portions:
@@ -249,7 +249,7 @@ def test_another_transfer_function_is_drawn(renderer: sg.Renderer) -> None:
     splats = matter()
     camera = eyes(splats)["fitted"]
     other = splats.with_classifier(splats.post.with_transfer(sg.Transfer([(0.5, 0), (0.55, 0.3)], colormap="viridis")))
-    settings = EXACT.but(sheets=2, steps=1)
+    settings = EXACT.replace(sheets=2, steps=1)
     first = renderer.render(splats, camera, settings).pixels
     assert differences(renderer, other, camera, settings).max() < 4e-5
     assert (renderer.render(splats, camera, settings).pixels == first).all()
@@ -340,7 +340,7 @@ def test_missing_voxels_are_left_out(renderer: sg.Renderer) -> None:
     assert len(splats) == len(matter()) - 28
     assert np.isfinite(holes[held[:, 2], held[:, 1], held[:, 0]]).all()
     assert np.isfinite(splats.records["gradient"]).all()
-    assert differences(renderer, splats, eyes(splats)["fitted"], EXACT.but(sheets=2, steps=1)).max() < 4e-5
+    assert differences(renderer, splats, eyes(splats)["fitted"], EXACT.replace(sheets=2, steps=1)).max() < 4e-5
 
 
 @pytest.mark.few(1)
@@ -349,7 +349,7 @@ def test_thin_volumes(renderer: sg.Renderer, shape: tuple[int, int, int]) -> Non
     volume = sg.Volume(cells()[tuple(slice(side) for side in shape)] * 0.2 + 0.5)
     splats = sg.extract(volume, RAMP, classification="post")
     camera = sg.Camera.orbit(volume, 30, 20, size=(32, 24))
-    assert differences(renderer, splats, camera, EXACT.but(sheets=2, steps=1)).max() < 1e-4
+    assert differences(renderer, splats, camera, EXACT.replace(sheets=2, steps=1)).max() < 1e-4
 
 
 def test_nothing_opaque_is_an_empty_picture(renderer: sg.Renderer) -> None:
@@ -364,7 +364,7 @@ def test_nothing_opaque_is_an_empty_picture(renderer: sg.Renderer) -> None:
 )
 def test_steep_and_constant_transfer_functions(renderer: sg.Renderer, points: list[tuple[float, float]]) -> None:
     splats = sg.extract(sg.Volume(cells()), sg.Transfer(points, colormap="hot"), classification="post")
-    settings = EXACT.but(sheets=2, steps=1)
+    settings = EXACT.replace(sheets=2, steps=1)
     # a step within one entry of the table is a ramp there
     assert differences(renderer, splats, eyes(splats)["fitted"], settings).max() < 5e-3
 
@@ -390,9 +390,9 @@ def test_no_spike_is_passed_over(renderer: sg.Renderer, steps: int, view: str, w
         at = (np.arange(20000) + 0.5) / 20000
         area = transfer.extinction(0.6 * at, width).mean() * 2 * width
         splats = sg.extract(sg.Volume(z), transfer, classification="post")
-        alpha = renderer.render(splats, camera, EXACT.but(steps=steps)).pixels[3:6, 3:6, 3]
+        alpha = renderer.render(splats, camera, EXACT.replace(steps=steps)).pixels[3:6, 3:6, 3]
         assert np.abs(alpha + np.expm1(-area / slope)).max() < 0.015, middle
-        right = render_pixels(resolve_scene(splats, camera, EXACT.but(steps=steps)), np.array([30, 40, 50]))
+        right = render_pixels(resolve_scene(splats, camera, EXACT.replace(steps=steps)), np.array([30, 40, 50]))
         assert np.abs(np.diag(alpha) - right[:, 3]).max() < 1e-5
 
 
@@ -402,7 +402,7 @@ def test_gradients_weigh_opacities(renderer: sg.Renderer, technique: Technique) 
     """The twin's picture; where values rise evenly, the weight of their slope."""
     transfer = sg.Transfer(RAMP.points, gradient=[(0.02, 0), (0.1, 1)], colormap="hot")
     splats = sg.extract(sg.Volume(cells(), **GRIDS["sheared"]), transfer, classification="post")
-    camera, settings = eyes(splats)["fitted"], EXACT.but(sheets=2, steps=2, technique=technique)
+    camera, settings = eyes(splats)["fitted"], EXACT.replace(sheets=2, steps=2, technique=technique)
     assert differences(renderer, splats, camera, settings).max() < 1e-4
     plain = splats.with_classifier(splats.post.with_transfer(replace(transfer, gradient=())))
     assert np.abs(drawn(splats) - drawn(plain)).max() > 0.1
@@ -533,7 +533,7 @@ def test_another_transfer_function_uploads_no_records(renderer: sg.Renderer) -> 
     assert renderer.passes.device.splats.of(recolored) is before
     anew = sg.extract(sg.Volume(cells(), **GRIDS["cubes"]), cold, classification="post")
     chosen = [renderer.plan(drawn, camera, EXACT) for drawn in (splats, recolored)]
-    assert chosen[0].program == replace(chosen[1].program, look=chosen[0].program.look)
+    assert chosen[0].program == replace(chosen[1].program, appearance=chosen[0].program.appearance)
     assert (recolored.unit, recolored.shaded) == (anew.unit, anew.shaded) == (2.0, False)
     assert np.abs(image.pixels - renderer.render(anew, camera, EXACT).pixels).max() < 1e-5
     assert image.info["classification"] == "post" and (image.info["sheets"], image.info["steps"]) == (3, 3)

@@ -28,11 +28,11 @@ def test_the_plan_says_the_same(splats: sg.Splats) -> None:
     for distance, blend, antialias, attenuation in itertools.product(
         (NEAR, FAR), ("composite", "xray", "mip"), ("paper", "off", "supersample"), ("auto", "opacity")
     ):
-        settings = SPLATS.but(blend=blend, antialias=antialias, attenuation=attenuation)
+        settings = SPLATS.replace(blend=blend, antialias=antialias, attenuation=attenuation)
         found, plan = Resolved.of(splats, camera(distance), settings), sg.plan(splats, camera(distance), settings)
-        for name in ("look", "samples", "z_k", "depths", "background", "unsure", "kernel"):
+        for name in ("appearance", "samples", "z_k", "depths", "background", "unsure", "kernel"):
             assert getattr(found, name) == getattr(plan.resolved, name)
-        assert found.look == plan.program.look
+        assert found.appearance == plan.program.appearance
         assert found.view.antialias == plan.program.seen.antialias
         assert found.view.widened_beyond == plan.view.widened_beyond
         assert set(found.notes) <= set(plan.notes)
@@ -40,35 +40,37 @@ def test_the_plan_says_the_same(splats: sg.Splats) -> None:
 
 def test_only_what_changes_the_picture_is_on(splats: sg.Splats) -> None:
     near, far = (Resolved.of(splats, camera(distance), SPLATS) for distance in (NEAR, FAR))
-    assert not near.view.antialias and near.look.attenuation == "optical-depth" and "z_k" in near.notes[0]
-    assert far.view.antialias and far.look.attenuation == "fill" and not far.notes
+    assert not near.view.antialias and near.appearance.attenuation == "optical-depth" and "z_k" in near.notes[0]
+    assert far.view.antialias and far.appearance.attenuation == "fill" and not far.notes
     # motion blur weakens splats where antialiasing does not
     moving = Resolved.of(splats, camera(NEAR), SPLATS, moving=True)
-    assert not moving.view.antialias and moving.look.attenuation == "fill"
+    assert not moving.view.antialias and moving.appearance.attenuation == "fill"
     # shading is of surfaces
-    xray = Resolved.of(splats, camera(NEAR), SPLATS.but(blend="xray"))
-    assert near.look.shading and len(near.notes) == 1
-    assert not xray.look.shading and "xray" in xray.notes[-1]
+    xray = Resolved.of(splats, camera(NEAR), SPLATS.replace(blend="xray"))
+    assert near.appearance.shading and len(near.notes) == 1
+    assert not xray.appearance.shading and "xray" in xray.notes[-1]
 
 
 def test_the_blur_moves_z_k(splats: sg.Splats) -> None:
     pixel = Resolved.of(splats, camera(FAR), SPLATS)
     for blur_width in (0.25, 0.5, 2.0):
-        found = Resolved.of(splats, camera(FAR), SPLATS.but(blur_width=blur_width))
+        found = Resolved.of(splats, camera(FAR), SPLATS.replace(blur_width=blur_width))
         assert found.z_k == pytest.approx(pixel.z_k / blur_width, rel=1e-12)
         assert found.view.blur == blur_width
         # a narrower low-pass aliases
         assert found.info(splats, camera(FAR))["aliased"] == (blur_width < 1)
         # samples are of one pixel's width
         for antialias in ("auto", "supersample", "off"):
-            settings = SPLATS.but(antialias=antialias)
-            same, right = (Resolved.of(splats, camera(FAR), s) for s in (settings.but(blur_width=blur_width), settings))
+            settings = SPLATS.replace(antialias=antialias)
+            same, right = (
+                Resolved.of(splats, camera(FAR), s) for s in (settings.replace(blur_width=blur_width), settings)
+            )
             assert (same.z_k, same.view.blur) == (right.z_k, 1.0)
     # splats before z_k that a wider low-pass stretches
-    assert Resolved.of(splats, camera(NEAR), SPLATS.but(blur_width=2)).view.antialias
+    assert Resolved.of(splats, camera(NEAR), SPLATS.replace(blur_width=2)).view.antialias
     assert not Resolved.of(splats, camera(NEAR), SPLATS).view.antialias
     # a narrower one leaves them as they are, which is another picture, too
-    sharp = SPLATS.but(blur_width=0.25)
+    sharp = SPLATS.replace(blur_width=0.25)
     plans = [sg.plan(splats, camera(distance), sharp) for distance in (NEAR, 2 * NEAR)]
     assert not any(plan.view.antialias for plan in plans)
     near, far = (any("blur_width" in note for note in unused_settings([plan], sharp)) for plan in plans)
@@ -76,7 +78,7 @@ def test_the_blur_moves_z_k(splats: sg.Splats) -> None:
 
 
 def test_samples_are_the_fine_cameras_pixels(splats: sg.Splats) -> None:
-    found = Resolved.of(splats, camera(FAR), SPLATS.but(antialias="supersample", samples=3))
+    found = Resolved.of(splats, camera(FAR), SPLATS.replace(antialias="supersample", samples=3))
     assert found.camera.size == (72, 48)
     assert found.z_k == pytest.approx(3 * camera(FAR).z_k(splats.grid.smallest_spacing))
     assert found.depths == depth_range(splats, camera(FAR))

@@ -84,7 +84,7 @@ def off_most(renderer: sg.Renderer, name: str, seeds: range, shapes: Any, techni
         spacing, turn = shapes[seed % len(shapes)]
         volume = grid(spacing, turn, samples)
         splats = sg.extract(volume, CLASSES, classification=way.classification)
-        settings = PLAIN.but(compositing=way.compositing, technique=techniques[seed % len(techniques)])
+        settings = PLAIN.replace(compositing=way.compositing, technique=techniques[seed % len(techniques)])
         camera = on_threshold(rng, volume, way, parallel=len(shapes) > 3)
         right = sg.reference.render(splats, camera, settings).pixels
         found.append(float(np.abs(renderer.render(splats, camera, settings).pixels - right).max()))
@@ -108,7 +108,7 @@ def test_many_pictures_on_thresholds_are_the_reference(renderer: sg.Renderer, na
 def test_the_nearest_plane_two_radii_before_the_eye_is_drawn(renderer: sg.Renderer, name: str) -> None:
     """There half lines begin: float64 and float32 need not say the same of that plane, and it is drawn all the same."""
     way = WAYS[name]
-    settings = PLAIN.but(compositing=way.compositing, technique="tiles")
+    settings = PLAIN.replace(compositing=way.compositing, technique="tiles")
     near = []
     for seed in range(6):
         rng = np.random.default_rng(seed)
@@ -149,7 +149,7 @@ def test_rays_in_faces_are_kept(renderer: sg.Renderer, parallel: bool, technique
                 place = np.asarray(volume.origin) + volume.world_from_index @ [x + off, 2.3, -6.0]
                 view = (place, place + axes[:, 2], axes[:, 1])
                 camera = sg.Camera.orthographic(*view, 3, (5, 5)) if parallel else sg.Camera.look_at(*view, 20, (5, 5))
-                settings = PLAIN.but(technique=technique, clip=cut)
+                settings = PLAIN.replace(technique=technique, clip=cut)
                 splats = sg.extract(volumes, CLASSES, classification="post")
                 found = renderer.render(splats, camera, settings).pixels[..., 3]
                 assert np.abs(found - sg.reference.render(splats, camera, settings).pixels[..., 3]).max() < 2e-3
@@ -167,7 +167,7 @@ def test_an_eye_on_a_plane_sees_no_face_of_it(renderer: sg.Renderer) -> None:
     camera = sg.Camera.look_at(eye, eye + np.array([0.3, 0.1, 1]), (0.1, 0.9, 0.3), 60, (7, 7))
     pictures = []
     for off in (0.0, 1e-15, -1e-9):
-        settings = PLAIN.but(technique="tiles", clip=((*normal, float(normal @ eye) + off),))
+        settings = PLAIN.replace(technique="tiles", clip=((*normal, float(normal @ eye) + off),))
         pictures.append(renderer.render(splats, camera, settings).pixels)
         assert np.abs(pictures[-1] - sg.reference.render(splats, camera, settings).pixels).max() < 2e-3
         assert np.abs(pictures[-1] - pictures[0]).max() < 1e-4

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.animation.camera_track import Swept, turning
+from splatgl.animation.camera_track import RotationHull, turning
 from splatgl.annotations.world_lines import letters
-from splatgl.planning.culling import Opaque
+from splatgl.planning.culling import OpaqueBounds
 from splatgl.scene.view import ViewOptions
 
 STEP = np.array([2.0, 2.5, 3.0])
@@ -148,9 +148,9 @@ def test_whatever_a_view_is_fitted_to_is_seen_from_the_front(frame: str | None) 
     """Volumes, splats, scenes of layers, opaque parts, crops, tracks and the command line's view."""
     volume = sg.Volume(np.ones((5, 6, 7), np.float32), frame=frame)
     transfer = sg.Transfer([(0, 0.0), (1, 0.5)])
-    subjects = [volume, Opaque(volume, transfer), sg.Scene([sg.Layer(volume, transfer)])]
+    subjects = [volume, OpaqueBounds(volume, transfer), sg.Scene([sg.Layer(volume, transfer)])]
     subjects += [sg.extract(volume, transfer, classification=how) for how in ("pre", "post", "auto")]
-    subjects += [Swept.of(volume, np.array([0.0, 0.0, 1.0]))]
+    subjects += [RotationHull.of(volume, np.array([0.0, 0.0, 1.0]))]
     cameras = [sg.Camera.orbit(subject) for subject in subjects]
     cameras += [ViewOptions(azimuth=0.0, elevation=0.0).camera(volume, subject) for subject in subjects]
     cameras += [turning(ViewOptions(azimuth=0.0, elevation=0.0), volume, volume, 5.0).base]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from splatgl.errors import Choice, InputError
+from splatgl.errors import InputError, MissingOption
 from splatgl.readers import hdf5_files, list_volumes, load
 from tests.helpers.microscope_files import NAMES
 
@@ -64,7 +64,7 @@ def write(path: Path, registered: Sequence[float] = SPACING, loader: str = "bdv.
 def test_views(tmp_path: Path, times: str) -> None:
     path = write(tmp_path / "a.xml", times=times)
     assert list_volumes(path) == ["* 1   angle 0 16×12×8×2×2", "  2   angle 1 16×12×8×2×2"]
-    with pytest.raises(Choice, match="got 2 channels"):
+    with pytest.raises(MissingOption, match="got 2 channels"):
         load(path)
     for angle, time, channel in np.ndindex(2, 2, 2):
         volume = load(path, series=angle + 1, time=time, channel=NAMES[channel])

@@ -14,7 +14,7 @@ import pytest
 from splatgl.cli.main import main
 from splatgl.data.color import luma
 from splatgl.data.volume import Volume
-from splatgl.errors import Choice, InputError
+from splatgl.errors import InputError, MissingOption
 from splatgl.readers import list_volumes, load, microscopes
 from splatgl.readers.chunked import Chunked
 from splatgl.readers.common import is_mapped
@@ -135,7 +135,7 @@ def test_oib(tmp_path: Path, ending: str) -> None:
     oiffile = pytest.importorskip("oiffile")
     path = files.oib(tmp_path / f"a.{ending}")
     check(path, STACK, colors=(None, None))
-    with pytest.raises(Choice, match="got 2 channels"):
+    with pytest.raises(MissingOption, match="got 2 channels"):
         load(path)
     with closing(oiffile.OifFile(path)) as file:
         np.testing.assert_array_equal(file.asarray(0).reshape(2, 3, 2, 5, 7).transpose(2, 0, 1, 3, 4), STACK)

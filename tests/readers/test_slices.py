@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from splatgl.errors import Choice, InputError
+from splatgl.errors import InputError, MissingOption
 from splatgl.readers import image_stack, load
 from splatgl.readers.chunked import Chunked
 from tests.fuzz.seed_files import CUBE
@@ -136,7 +136,7 @@ def test_alpha_of_pictures(tmp_path: Path) -> None:
 def test_channels_and_times_in_names(tmp_path: Path) -> None:
     for channel, time in np.ndindex(2, 3):
         slices(tmp_path / "a", f"i_ch{channel}_t{time:02}_z{{}}.png", CUBE // (1 + channel + 2 * time))
-    with pytest.raises(Choice, match="got 2 channels; pick with channel=0"):
+    with pytest.raises(MissingOption, match="got 2 channels; pick with channel=0"):
         load(tmp_path / "a")
     volume = load(tmp_path / "a", channel="ch1", time=2)
     assert volume.times == 3 and np.array_equal(volume.samples, CUBE // 6)

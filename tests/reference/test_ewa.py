@@ -8,7 +8,7 @@ import pytest
 import splatgl as sg
 from splatgl.geometry.grid import Grid
 from splatgl.geometry.view import GridView
-from splatgl.reference.rays import Ewa
+from splatgl.reference.rays import EwaEllipses
 from splatgl.splat.kernels import kernel
 
 GAUSSIANS = sg.Settings.like("0.1", kernel="gaussian", attenuation="opacity", blend="xray")
@@ -31,7 +31,7 @@ def off(splats: sg.Splats, camera: sg.Camera, settings: sg.Settings) -> tuple[fl
 
 
 def test_without_a_filter_it_is_the_line_integral_of_parallel_rays(splats: sg.Splats) -> None:
-    unfiltered = GAUSSIANS.but(antialias="off")
+    unfiltered = GAUSSIANS.replace(antialias="off")
     camera = sg.Camera.orthographic((3, -4, 2), (0, 0, 0), (0, 0, 1), 14.0, (24, 24))
     assert off(splats, camera, unfiltered)[0] < 1e-6
     # the affine error of diverging rays falls with the square of the distance
@@ -50,7 +50,7 @@ def test_widths_add_as_variances() -> None:
     camera = sg.Camera.look_at((0, 0, 0), (0, 0, 1), (0, -1, 0), 60, (64, 64))
     view = GridView.of(Grid(np.eye(3), np.zeros(3)), camera, kernel("gaussian"))
     z = np.array([1.0, 2.0, 0.5]) / view.pitch
-    found = Ewa.of(view, np.stack([0 * z, 0 * z, z]))
+    found = EwaEllipses.of(view, np.stack([0 * z, 0 * z, z]))
     m = z * view.pitch
     np.testing.assert_allclose(found.coverage, 1 / (1 + m**2), rtol=1e-12)
     np.testing.assert_allclose(found.gain, 1 / (1 + m**2), rtol=1e-12)
@@ -60,4 +60,4 @@ def test_kernels_that_reach_the_eye_are_left_out_and_others_than_gaussians_refus
     inside = sg.Camera.look_at((0, 0, 0), (1, 0, 0), (0, 0, 1), 60, (16, 16))
     assert np.isfinite(sg.reference.render(splats, inside, GAUSSIANS, row="ewa").pixels).all()
     with pytest.raises(sg.InputError, match="kernel: expected gaussian"):
-        sg.reference.render(splats, inside, GAUSSIANS.but(kernel="crawfis-max"), row="ewa")
+        sg.reference.render(splats, inside, GAUSSIANS.replace(kernel="crawfis-max"), row="ewa")

@@ -14,7 +14,7 @@ import pytest
 import splatgl as sg
 from splatgl.planning.resolve import select_splats
 from splatgl.reference.field import field_integral, kept_field_integral, kernel_field, trilinear_field
-from splatgl.reference.march import Cells
+from splatgl.reference.march import LatticeTerms
 from splatgl.splat.kernels import FREE, kernel
 from splatgl.splat.prefilter import margin_of, prefilter
 from splatgl.splat.settings import BLENDS
@@ -338,7 +338,7 @@ def test_cells_by_table_are_near_exact_ones(name: str, rng: np.random.Generator)
     """Within the lattice, at its ends, and far from it, where nothing is; missing entries have no share."""
     places = rng.permutation(np.argwhere(np.ones((5, 6, 7))))[:150]
     terms, at = [1.0, rng.random(150)], np.column_stack([rng.uniform(-3, 9, (3, 400)), np.full(3, 40.0)])
-    table, exact = (Cells(places, terms, kernel(name), is_exact).sums(at) for is_exact in (False, True))
+    table, exact = (LatticeTerms(places, terms, kernel(name), is_exact).sums(at) for is_exact in (False, True))
     right = kernel(name).value(np.linalg.norm(at[:, None] - places.T[..., None], axis=0)).sum(axis=0)
     assert np.abs(exact[0] - right).max() < 1e-14 and exact[0, -1] == table[0, -1] == 0 < right.max()
     assert np.abs(table - exact).max() < 1e-4
@@ -372,7 +372,7 @@ def test_pixels_of_kept_values(blend: str, renderer: sg.Renderer) -> None:
     right = field_integral(volume, transfer, camera, "b-spline", 4, blend=blend).pixels.reshape(-1, 4)[pixels]
     assert right.max() > 0.3 and np.abs(found - right).max() < 1e-3 * max(right.max(), 1.0)
     off = []
-    for chosen in (settings, settings.but(sheets=2, steps=1)):
+    for chosen in (settings, settings.replace(sheets=2, steps=1)):
         image = sg.check(renderer.render(splats, camera, chosen), splats, camera, chosen, 320, field=True)
         checked: Any = image.info["checked"]
         off.append(checked["field"]["rmse"])
@@ -391,7 +391,7 @@ def test_pixels_of_the_matter_are_compared_not_of_the_background(renderer: sg.Re
         settings = sg.Settings(**changes)
         image = sg.check(renderer.render(splats, camera, settings), splats, camera, settings, field=True)
         found.append(image.info["checked"])
-        seen = renderer.render(splats, camera, settings.but(background=None)).pixels[..., 3] > 0
+        seen = renderer.render(splats, camera, settings.replace(background=None)).pixels[..., 3] > 0
         assert seen.mean() < 0.5
     assert all(0 < each["largest"] < 2e-3 and 0 < each["field"]["rmse"] < 0.02 for each in found)
     # of the drawn pixels, those that no splat reaches are left out, and show matter half of the time at least

@@ -52,7 +52,7 @@ def test_every_blend_near_and_far(splats: sg.Splats, row: str, blend: str, rende
     for size, parallel in product(((40, 30), (6, 5)), (False, True)):
         camera = camera_of(splats, size, parallel)
         for attenuation in ("opacity", "optical-depth") if blend == "composite" else ("auto",):
-            asked = SPLATS.but(blend=blend, align=ROWS[row], attenuation=attenuation)
+            asked = SPLATS.replace(blend=blend, align=ROWS[row], attenuation=attenuation)
             assert difference(splats, camera, asked, row, renderer) < TABLE
 
 
@@ -73,7 +73,7 @@ def test_every_blend_near_and_far(splats: sg.Splats, row: str, blend: str, rende
 )
 def test_settings(splats: sg.Splats, asked: dict, renderer: sg.Renderer) -> None:
     camera = camera_of(splats, (12, 10), parallel=False)
-    assert difference(splats, camera, SPLATS.but(align="ray", **asked), "row4", renderer) < TABLE
+    assert difference(splats, camera, SPLATS.replace(align="ray", **asked), "row4", renderer) < TABLE
 
 
 @pytest.mark.few(1)
@@ -83,7 +83,7 @@ def test_the_eye_amid_the_splats(splats: sg.Splats, renderer: sg.Renderer) -> No
     camera = sg.Camera.look_at(eye, eye + np.array([0.6, 1.0, 0.2]), (0, 0, 1), 70, (24, 24))
     for row, align in ROWS.items():
         for blend in ("composite", "xray"):
-            asked = SPLATS.but(blend=blend, align=align)
+            asked = SPLATS.replace(blend=blend, align=align)
             assert difference(splats, camera, asked, row, renderer) < TABLE
 
 
@@ -93,7 +93,7 @@ def test_the_reference_tells_rows_apart(renderer: sg.Renderer) -> None:
     corner = splats.corners
     eye = corner.min(axis=0) - 12
     camera = sg.Camera.look_at(eye, corner.mean(axis=0) + np.array([12, -20, 20]), (0, 0, 1), 90, (32, 32))
-    asked = {row: SPLATS.but(align=align, blend="xray") for row, align in ROWS.items()}
+    asked = {row: SPLATS.replace(align=align, blend="xray") for row, align in ROWS.items()}
     for row, other in (("row4", "row5"), ("row5", "row4")):
         own = difference(splats, camera, asked[row], row, renderer)
         assert own < TABLE

@@ -11,7 +11,7 @@ from splatgl.reference.blend import pixel_means
 from tests.helpers.noise import noise, views
 from tests.helpers.splatting import SPLATS
 
-AUTO = SPLATS.but(antialias="auto")
+AUTO = SPLATS.replace(antialias="auto")
 
 
 @pytest.mark.parametrize("k", [1, 2, 3, 4, 7])
@@ -46,7 +46,7 @@ def test_auto_is_within_its_bound(technique: str, blend: str, renderer: sg.Rende
         splats = noise(grid, size=9)
         for camera in views(splats).values():
             background = None if blend == "xray" else (0.2, 0.4, 0.6)
-            settings = AUTO.but(technique=technique, blend=blend, tolerance=tolerance, background=background)
+            settings = AUTO.replace(technique=technique, blend=blend, tolerance=tolerance, background=background)
             image = renderer.render(splats, camera, settings, verify_bound=False)
             right = sg.reference.render(splats, camera, settings)
             assert image.info["samples"] == right.info["samples"]
@@ -56,7 +56,7 @@ def test_auto_is_within_its_bound(technique: str, blend: str, renderer: sg.Rende
 def test_samples_are_as_many_as_are_needed() -> None:
     splats = noise()
     near, far = views(splats)["close"], sg.Camera.orbit(splats, size=(16, 16), zoom=1 / 16)
-    assert [sg.plan(splats, near, AUTO.but(tolerance=t)).samples for t in (0.1, 1 / 255, 1e-4)] == [1, 2, 3]
+    assert [sg.plan(splats, near, AUTO.replace(tolerance=t)).samples for t in (0.1, 1 / 255, 1e-4)] == [1, 2, 3]
     chosen = sg.plan(splats, far, AUTO)
     assert chosen.samples == MOST_SAMPLES and chosen.program.seen.antialias
     assert not sg.plan(splats, near, AUTO).program.seen.antialias
@@ -77,8 +77,8 @@ def test_auto_is_nearer_to_many_samples(renderer: sg.Renderer) -> None:
     volume = sg.scenes.ball(14)
     splats = sg.extract(volume, sg.default_transfer(volume), classification="pre")
     camera = sg.Camera.orbit(volume, 20, 10, size=(40, 40))
-    settings = {"auto": AUTO, "paper": SPLATS, "off": SPLATS.but(antialias="off")}
-    truth = renderer.render(splats, camera, SPLATS.but(antialias="supersample", samples=16)).pixels
+    settings = {"auto": AUTO, "paper": SPLATS, "off": SPLATS.replace(antialias="off")}
+    truth = renderer.render(splats, camera, SPLATS.replace(antialias="supersample", samples=16)).pixels
     off = {
         name: np.sqrt(((renderer.render(splats, camera, s).pixels - truth) ** 2).mean()) for name, s in settings.items()
     }

@@ -63,7 +63,7 @@ def test_thin_fog_is_as_splatting_has_it() -> None:
     errors = []
     for opacity in (0.2, 0.02):
         splats = random_volume(opacity, shading=True)
-        asked = SPLATS.but(antialias="off")
+        asked = SPLATS.replace(antialias="off")
         found = sg.compare(render(splats, camera, asked), ray_integral(splats, camera, asked, steps_per_voxel=16))
         errors.append(found.maximum)
     assert errors[0] < 0.02
@@ -74,7 +74,7 @@ def test_alpha_needs_no_order() -> None:
     """Optical depth adds up alike in any order: opacities agree to the quadrature's error, in dense matter too."""
     splats = random_volume(0.95, (0.7, 1, 1.8))
     camera = sg.Camera.orbit(splats, 30, 20, size=(10, 8))
-    asked = SPLATS.but(antialias="off", background=None)
+    asked = SPLATS.replace(antialias="off", background=None)
     found, right = ray_integral(splats, camera, asked, 32).pixels, render(splats, camera, asked).pixels
     assert np.abs(found[..., 3] - right[..., 3]).max() < 1e-4
 
@@ -84,7 +84,7 @@ def test_parallel_rays_see_nothing_behind_the_eye() -> None:
     splats = random_volume(0.3)
     middle = splats.corners.mean(axis=0)
     camera = sg.Camera.orthographic(middle, middle + np.array([0.3, 1, 0.2]), (0, 0, 1), 6, (8, 8))
-    asked = SPLATS.but(antialias="off")
+    asked = SPLATS.replace(antialias="off")
     found, right = ray_integral(splats, camera, asked, 16).pixels, render(splats, camera, asked).pixels
     assert np.abs(found[..., 3] - right[..., 3]).max() < 1e-4
     assert right[..., 3].min() > 0.01
@@ -95,7 +95,7 @@ def test_samples_and_background() -> None:
     camera = sg.Camera.orbit(splats, 30, 20, size=(6, 4))
     fine = ray_integral(splats, camera.resized((12, 8)), steps_per_voxel=2).pixels
     ground = (0.2, 0.4, 0.6)
-    found = ray_integral(splats, camera, SPLATS.but(background=ground), 2, samples=2).pixels
+    found = ray_integral(splats, camera, SPLATS.replace(background=ground), 2, samples=2).pixels
     mean = fine.reshape(4, 2, 6, 2, 4).mean(axis=(1, 3))
     assert np.abs(found - (mean + (1 - mean[..., 3:]) * [*ground, 1])).max() < 1e-14
 
@@ -104,7 +104,7 @@ def test_what_it_refuses() -> None:
     splats = random_volume(0.5)
     camera = sg.Camera.orbit(splats, size=(4, 4))
     with pytest.raises(sg.InputError, match="ray integral: expected blend composite"):
-        ray_integral(splats, camera, SPLATS.but(blend="mip"))
+        ray_integral(splats, camera, SPLATS.replace(blend="mip"))
     with pytest.raises(sg.InputError, match="steps_per_voxel: expected a number of at least 1"):
         ray_integral(splats, camera, steps_per_voxel=0)
     loose = sg.Splats.from_points([(0, 0, 0.25)], [(1, 1, 1)], [1])

@@ -12,8 +12,8 @@ from splatgl.planning.culling import back_to_front, order_for
 from splatgl.planning.resolve import Resolved
 from splatgl.planning.scene import resolve_scene
 from splatgl.reference import rays
-from splatgl.reference.blend import ADD, Band, Part, Sum, pixel_means
-from splatgl.reference.rays import Boxes, Pixels, pixel_boxes, splats_may_reach
+from splatgl.reference.blend import ADD, Accumulator, BlendTerms, CompensatedSum, pixel_means
+from splatgl.reference.rays import PixelBoxes, Pixels, pixel_boxes, splats_may_reach
 from splatgl.reference.renderer import render, render_pixels
 from splatgl.splat.footprint import ROWS, Splat
 from splatgl.splat.kernels import kernel
@@ -35,7 +35,7 @@ def two_splats(swapped: bool = False) -> sg.Splats:
 def pixel_of(splats: sg.Splats, **asked: object) -> np.ndarray:
     """One pixel that looks along the z axis from the origin."""
     camera = sg.Camera.look_at((0, 0, 0), (0, 0, 1), (0, -1, 0), 60, (1, 1))
-    return render(splats, camera, SPLATS.but(**{"antialias": "off", **asked})).pixels[0, 0]
+    return render(splats, camera, SPLATS.replace(**{"antialias": "off", **asked})).pixels[0, 0]
 
 
 def scattered(count: int, spread: float, spacing: object = 1.0, seed: int = 4) -> sg.Splats:
@@ -74,7 +74,7 @@ def test_one_splat_is_its_line_integral() -> None:
     """Every pixel 1 − exp(−τ row1), on a grid that is not cubic."""
     splats = sg.Splats.from_points([(3, 1, 20)], [(1, 0.5, 0)], [0.8], (1, 2, 0.7))
     camera = sg.Camera.look_at((0, 0, 0), (2, 1, 20), (0, -1, 0), 40, (12, 8))
-    found = render(splats, camera, SPLATS.but(attenuation="optical-depth")).pixels
+    found = render(splats, camera, SPLATS.replace(attenuation="optical-depth")).pixels
     x, y = camera.slopes()
     view = GridView.of(splats.grid, camera, kernel("crawfis-max"))
     assert (view.coverage(view.voxels(splats.positions)[2]) < 1).all()
@@ -91,7 +91,7 @@ def test_other_rows_are_table_1(row: str) -> None:
     """One cubic splat beyond z_k, every pixel."""
     voxel, camera = (3.0, 1.0, 20.0), sg.Camera.look_at((0, 0, 0), (0, 0, 1), (0, -1, 0), 50, (12, 8))
     splats = sg.Splats.from_points([voxel], [(1, 0.5, 0)], [0.5])
-    found = render(splats, camera, SPLATS.but(blend="xray"), row).pixels[..., 3]
+    found = render(splats, camera, SPLATS.replace(blend="xray"), row).pixels[..., 3]
     ray = np.stack(np.broadcast_arrays(*(s[None, :] if n == 0 else s[:, None] for n, s in enumerate(camera.slopes()))))
     right = 0.5 * ROWS[row](Splat(kernel("crawfis-max"), np.array(voxel), np.moveaxis(ray, 0, -1), camera.z_k(1.0)))
     assert camera.z_k(1.0) < 20 and right.max() > 0.01
@@ -100,13 +100,13 @@ def test_other_rows_are_table_1(row: str) -> None:
 
 def test_sums_keep_what_rounding_takes() -> None:
     """10⁻⁷ in a hundred parts between two huge numbers; a faint pixel after an opaque one in the same chunk."""
-    kept, where = Sum.zeros((1,)), np.array([0])
+    kept, where = CompensatedSum.zeros((1,)), np.array([0])
     for term in (1e8, *[1e-9] * 100, -1e8):
         kept.add(where, np.array([term]))
     assert kept.value[0] == pytest.approx(1e-7, rel=1e-12, abs=0)
     faint = 1e-7 * np.arange(1, 5)
-    band, depth = Band.empty(2), np.concatenate([[1e9], faint])
-    part = Part(np.array([0, 1, 1, 1, 1]), depth, np.eye(5)[:, 2:], np.ones(5))
+    band, depth = Accumulator.empty(2), np.concatenate([[1e9], faint])
+    part = BlendTerms(np.array([0, 1, 1, 1, 1]), depth, np.eye(5)[:, 2:], np.ones(5))
     ADD["over"](band, part)
     before = np.concatenate([[0], np.cumsum(faint)])
     right = -np.expm1(-faint) * np.exp(-before[:-1])
@@ -131,7 +131,7 @@ def test_opaque_splats_leave_nothing_undefined() -> None:
     splats = sg.Splats.from_points(points, np.linspace(0, 1, 1200).reshape(400, 3), np.full(400, 1e4))
     for height, attenuation in ((1e-6, "opacity"), (1.5, "opacity"), (1.5, "optical-depth")):
         camera = sg.Camera.orthographic((0, 0, -9), (0, 0, 0), (0, -1, 0), height, (1, 1))
-        pixel = render(splats, camera, SPLATS.but(attenuation=attenuation)).pixels[0, 0]
+        pixel = render(splats, camera, SPLATS.replace(attenuation=attenuation)).pixels[0, 0]
         assert np.isfinite(pixel).all()
         assert pixel[3] == pytest.approx(1, abs=1e-9)
 
@@ -142,7 +142,7 @@ def test_attenuation(attenuation: str) -> None:
     camera = sg.Camera.orthographic((0, 0, -9), (0, 0, 0), (0, -1, 0), 4.0, (1, 1))
     splats = sg.Splats.from_points([(0, 0, 0), (0, 0, 3)], np.ones((2, 3)), [2.0, 2.0])
     one = -np.expm1(-2 * PEAK) / 16 if attenuation == "opacity" else -np.expm1(-2 * PEAK / 16)
-    found = render(splats, camera, SPLATS.but(attenuation=attenuation)).pixels[0, 0]
+    found = render(splats, camera, SPLATS.replace(attenuation=attenuation)).pixels[0, 0]
     assert found == pytest.approx(1 - (1 - one) ** 2, rel=1e-12)
 
 
@@ -158,7 +158,7 @@ def test_homogeneous_slab(kernel_name: str, bound: float, distance: float) -> No
     eye, size = (middle, middle, -0.5 - distance), (60, 60) if distance < 100 else (16, 16)
     camera = sg.Camera.look_at(eye, (middle, middle, 0), (0, -1, 0), 60 if distance < 100 else 12, size)
     assert sg.plan(splats, camera, SPLATS).program.seen.antialias == (distance > 100)
-    found = render(splats, camera, SPLATS.but(kernel=kernel_name)).pixels[..., 3]
+    found = render(splats, camera, SPLATS.replace(kernel=kernel_name)).pixels[..., 3]
     x, y = camera.slopes()
     path = thick * np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
     assert np.abs(-np.log1p(-found) / (sigma * path) - 1).max() < bound
@@ -201,7 +201,7 @@ def test_one_splat_at_a_time(blend: str, spacing: object, parallel: bool, monkey
         camera = camera.parallel(splats, 12.0)
     monkeypatch.setattr(rays, "PAIRS", 1000)
     monkeypatch.setattr("splatgl.reference.renderer.BAND", 100)
-    found = render(splats, camera, SPLATS.but(blend=blend, attenuation="optical-depth")).pixels
+    found = render(splats, camera, SPLATS.replace(blend=blend, attenuation="optical-depth")).pixels
     right = by_hand(splats, camera, blend)
     assert right[..., 3].max() > 0.8
     assert np.abs(found - right).max() < 1e-11 * right.max()
@@ -216,28 +216,28 @@ def test_boxes_hold_every_ray(row: str, pixels: int, monkeypatch: pytest.MonkeyP
     for spacing in grids:
         splats = scattered(200, 9.0, spacing, seed=pixels)
         camera = sg.Camera.look_at((1, -2, 0.5), (1.5, 3, 0), (0, 0, 1), 110, (pixels, pixels // 2))
-        found = render(splats, camera, SPLATS.but(blend="xray"), row).pixels
+        found = render(splats, camera, SPLATS.replace(blend="xray"), row).pixels
         with monkeypatch.context() as patched:
             patched.setattr("splatgl.reference.renderer.pixel_boxes", everywhere)
-            right = render(splats, camera, SPLATS.but(blend="xray"), row).pixels
+            right = render(splats, camera, SPLATS.replace(blend="xray"), row).pixels
         assert np.abs(found - right).max() < 1e-11
 
 
-def everywhere(view: GridView, row: str, voxel: np.ndarray, camera: sg.Camera) -> Boxes:
+def everywhere(view: GridView, row: str, voxel: np.ndarray, camera: sg.Camera) -> PixelBoxes:
     zero = np.zeros(voxel.shape[1], np.int64)
-    return Boxes(zero, zero + camera.size[0], zero, zero + camera.size[1])
+    return PixelBoxes(zero, zero + camera.size[0], zero, zero + camera.size[1])
 
 
 def test_supersampling_and_background() -> None:
     splats = scattered(300, 5.0)
     camera = sg.Camera.orbit(splats, 30, 20, size=(20, 15))
-    found = render(splats, camera, SPLATS.but(antialias="supersample", samples=3)).pixels
+    found = render(splats, camera, SPLATS.replace(antialias="supersample", samples=3)).pixels
     fine = render(splats, camera.resized((60, 45)), SPLATS).pixels
     assert np.abs(found - pixel_means(fine, 3)).max() < 1e-14
     # by 1/24 of the differences across a pixel's edges from the plain mean
     assert 1e-4 < np.abs(found - fine.reshape(15, 3, 20, 3, 4).mean(axis=(1, 3))).max() < 0.1
     ground = (0.2, 0.4, 0.6)
-    on = render(splats, camera, SPLATS.but(antialias="supersample", samples=3, background=ground)).pixels
+    on = render(splats, camera, SPLATS.replace(antialias="supersample", samples=3, background=ground)).pixels
     assert np.abs(on - (found + (1 - found[..., 3:]) * [*ground, 1])).max() < 1e-14
 
 
@@ -252,7 +252,7 @@ def test_shading() -> None:
             sg.Camera.orthographic(eye, (20, 20, 4), (0, -1, 0), 2, (1, 1)),
             sg.Camera.look_at(eye, (20, 20, 4), (0, -1, 0), 0.1, (1, 1)),
         ):
-            lit, plain = (render(splats, camera, SPLATS.but(shading=s)).pixels[0, 0] for s in ("auto", "off"))
+            lit, plain = (render(splats, camera, SPLATS.replace(shading=s)).pixels[0, 0] for s in ("auto", "off"))
             assert lit[0] / plain[0] == pytest.approx(right, abs=2e-3 if slant else 1e-4)
             assert lit[3] == plain[3]
 
@@ -289,14 +289,14 @@ def test_what_it_says_and_refuses() -> None:
 
 def test_no_splats_is_the_background() -> None:
     nothing = sg.extract(sg.Volume(np.zeros((4, 4, 4))), sg.Transfer([(0, 0), (1, 1)]), classification="pre")
-    image = render(nothing, sg.Camera.orbit(nothing, size=(8, 8)), SPLATS.but(background=(0.5, 0, 1)))
+    image = render(nothing, sg.Camera.orbit(nothing, size=(8, 8)), SPLATS.replace(background=(0.5, 0, 1)))
     assert (image.pixels == np.array([0.5, 0, 1, 1])).all()
 
 
 def test_letter_reads_as_drawn() -> None:
     """Rows from the top, columns from the left: red x to the right of the stem, F's arms above."""
     splats = sg.extract(letter_f(), sg.default_transfer(letter_f()), classification="pre")
-    pixels = render(splats, sg.Camera.orbit(splats, 0, 0, fov=20, size=(60, 60)), SPLATS.but(shading="off")).pixels
+    pixels = render(splats, sg.Camera.orbit(splats, 0, 0, fov=20, size=(60, 60)), SPLATS.replace(shading="off")).pixels
     rows, columns = np.nonzero(pixels[..., 3] > 0.5)
     red = (pixels[..., 0] > 3 * pixels[..., 2]) & (pixels[..., 3] > 0.5)
     assert np.nonzero(red)[0].mean() > rows.mean() + 5
@@ -311,7 +311,7 @@ def test_scattered_pixels_are_those_of_the_picture(antialias: str, compositing: 
         sg.Volume(np.random.default_rng(3).random((6, 6, 6))), sg.Transfer([(0.4, 0), (1, 0.8)]), classification="pre"
     )
     camera = sg.Camera.orbit(splats, 30, 20, size=(20, 16), zoom=1.6)
-    settings = SPLATS.but(antialias=antialias, samples=3, compositing=compositing, background=(0.1, 0.2, 0.3))
+    settings = SPLATS.replace(antialias=antialias, samples=3, compositing=compositing, background=(0.1, 0.2, 0.3))
     whole = render(splats, camera, settings).pixels.reshape(-1, 4)
     random = np.flatnonzero(np.random.default_rng(1).random(320) < 0.1)
     for wanted in (np.array([0, 19, 20, 300, 319]), np.arange(140, 160), random, random[:0]):

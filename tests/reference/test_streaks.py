@@ -7,11 +7,11 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.image import Image
-from splatgl.splat.motion import MOST, Moments, Motion, count_moments
+from splatgl.splat.motion import MOST, Motion, Supersampling, count_moments
 from tests.helpers import streaks
 from tests.helpers.splatting import SPLATS
 
-XRAY = SPLATS.but(blend="xray")
+XRAY = SPLATS.replace(blend="xray")
 SPIN = Motion(spin=(0, 0, 8))
 
 
@@ -37,7 +37,7 @@ def rmse(image: Image, right: Image) -> float:
 
 @pytest.fixture(scope="module")
 def right(cloud: sg.Splats, camera: sg.Camera) -> Image:
-    return Moments(sg.reference.render, SPIN, 180, 96)(cloud, camera, XRAY)
+    return Supersampling(sg.reference.render, SPIN, 180, 96)(cloud, camera, XRAY)
 
 
 def test_exact_blur_is_temporal_supersampling(cloud: sg.Splats, camera: sg.Camera, right: Image) -> None:
@@ -54,9 +54,10 @@ def test_shorter_streaks_are_nearer(cloud: sg.Splats, camera: sg.Camera, rendere
     flow = np.random.default_rng(2).normal(size=(90, 3))
     before = sg.Camera.look_at((9, -26, 10), (0.3, 0, 0), (0, 0, 1), 25, (14, 14))
     for motion in (Motion(spin=(0, 0, 60)), Motion(flow=flow * 3, spin=(0, 20, 0)), Motion(camera=before)):
-        truth = Moments(renderer.render, motion, 180, 64)(cloud, camera, XRAY)
+        truth = Supersampling(renderer.render, motion, 180, 64)(cloud, camera, XRAY)
         errors = [
-            rmse(Moments(renderer.render, motion, 180, n, blurred=True)(cloud, camera, XRAY), truth) for n in (1, 2, 4)
+            rmse(Supersampling(renderer.render, motion, 180, n, blurred=True)(cloud, camera, XRAY), truth)
+            for n in (1, 2, 4)
         ]
         assert errors[0] == pytest.approx(rmse(renderer.render(cloud, camera, XRAY, motion), truth), rel=0.02)
         assert 2 * errors[1] < errors[0] and 2 * errors[2] < errors[1]
@@ -84,7 +85,7 @@ def test_flow_and_camera_are_drawn_as_well(cloud: sg.Splats, camera: sg.Camera) 
     flow = np.random.default_rng(2).normal(size=(90, 3))
     before = sg.Camera.look_at((1, -29, 10), (0.3, 0, 0), (0, 0, 1), 25, (14, 14))
     for motion in (Motion(flow=flow), Motion(camera=before)):
-        truth = Moments(sg.reference.render, motion, 180, 24)(cloud, camera, XRAY)
+        truth = Supersampling(sg.reference.render, motion, 180, 24)(cloud, camera, XRAY)
         assert rmse(streaks.render(cloud, camera, XRAY, motion), truth) < 5e-4
         assert rmse(sg.reference.render(cloud, camera, XRAY), truth) > 3e-3
 
@@ -94,13 +95,13 @@ def test_parallel_views_and_other_grids(camera: sg.Camera) -> None:
     points = sg.Splats.from_points(rng.uniform(-4, 4, (60, 3)), rng.random((60, 3)), np.ones(60), (1.0, 1.0, 0.4))
     parallel = sg.Camera.orthographic((0, -30, 10), (0, 0, 0), (0, 0, 1), 11.0, (14, 14))
     for view in (camera, parallel):
-        truth = Moments(sg.reference.render, SPIN, 180, 24)(points, view, XRAY)
+        truth = Supersampling(sg.reference.render, SPIN, 180, 24)(points, view, XRAY)
         # the voxels turn with the grid, which a streak's one shape has not
         assert rmse(streaks.render(points, view, XRAY, SPIN), truth) < 2e-3 * truth.pixels.max()
 
 
 def test_no_motion_is_the_reference(cloud: sg.Splats, camera: sg.Camera) -> None:
-    for settings in (XRAY, SPLATS, SPLATS.but(attenuation="opacity", background=(0.1, 0.2, 0.3))):
+    for settings in (XRAY, SPLATS, SPLATS.replace(attenuation="opacity", background=(0.1, 0.2, 0.3))):
         still = streaks.render(cloud, camera, settings, Motion())
         assert np.abs(still.pixels - sg.reference.render(cloud, camera, settings).pixels).max() < 1e-12
 
@@ -115,9 +116,10 @@ def test_composite_is_near(spin: float, other: str) -> None:
     splats = sg.Splats.from_points(plate, np.full((len(plate), 3), 0.7), np.full(len(plate), 4.6))
     camera = sg.Camera.look_at((0, -40, 14), (0, 0, 0), (0, 0, 1), 18, (16, 16))
     motion, settings = Motion(spin=(0, 0, spin)), SPLATS
-    truth = Moments(sg.reference.render, motion, 180, 24)(splats, camera, settings)
+    truth = Supersampling(sg.reference.render, motion, 180, 24)(splats, camera, settings)
     fill, off = (
-        rmse(streaks.render(splats, camera, settings.but(attenuation=name), motion), truth) for name in ("fill", other)
+        rmse(streaks.render(splats, camera, settings.replace(attenuation=name), motion), truth)
+        for name in ("fill", other)
     )
     assert fill < 0.8 * off and fill < 0.06
     if spin > 45:
@@ -127,13 +129,13 @@ def test_composite_is_near(spin: float, other: str) -> None:
 def test_bad_input_is_one_line(cloud: sg.Splats, camera: sg.Camera) -> None:
     for settings, shape in (
         (XRAY, "box"),
-        (SPLATS.but(blend="mip"), "exact"),
-        (XRAY.but(antialias="supersample"), "exact"),
+        (SPLATS.replace(blend="mip"), "exact"),
+        (XRAY.replace(antialias="supersample"), "exact"),
     ):
         with pytest.raises(sg.InputError, match="expected"):
             streaks.render(cloud, camera, settings, SPIN, shape=shape)
     with pytest.raises(sg.InputError, match="count"):
-        Moments(sg.reference.render, SPIN, count=0)
+        Supersampling(sg.reference.render, SPIN, count=0)
 
 
 @pytest.mark.parametrize("along", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.9, 0.0, 0.9)])
@@ -142,8 +144,8 @@ def test_a_streak_whose_ends_lie_between_pixels_is_there(along: tuple[float, flo
     view = sg.Camera.look_at((0.0, -400.0, 0.0), (0.0, 0.0, 0.0), (0, 0, 1), 40.0, (9, 9))
     move = 0.8 * view.extent * 400 / 9 * np.array(along)
     one = sg.Splats.from_points(move[None] / 2, np.ones((1, 3)), np.ones(1))
-    plain = SPLATS.but(blend="xray", antialias="off")
+    plain = SPLATS.replace(blend="xray", antialias="off")
     streak = streaks.render(one, view, plain, Motion(velocity=move), 360.0).pixels[..., 3]
-    right = Moments(sg.reference.render, Motion(velocity=move), 360, 200)(one, view, plain).pixels[..., 3]
+    right = Supersampling(sg.reference.render, Motion(velocity=move), 360, 200)(one, view, plain).pixels[..., 3]
     assert right[4, 4] > 0.01
     assert np.abs(streak - right).max() < 0.02 * right[4, 4]

@@ -12,7 +12,7 @@ import splatgl as sg
 from splatgl.report.diagram import _figure, picture, plot_styles
 from splatgl.report.methods import DEFAULT, EXACT, TRUTHS, methods
 from splatgl.report.page import choices, conclusion
-from splatgl.report.sweep import Row, SceneResults, Subject, Timing
+from splatgl.report.sweep import ReportSubject, ResultRow, SceneResults, Timing
 
 HEAD = {"version": "0", "machine": {"renderer": "llvmpipe (LLVM)"}}
 
@@ -22,9 +22,9 @@ def test_axes_differ_without_colour() -> None:
     assert len(set(told)) == len(told)
 
 
-def subject() -> Subject:
+def subject() -> ReportSubject:
     splats = sg.Splats.from_points(np.eye(3), np.ones((3, 3)), np.full(3, 0.5))
-    return Subject("made up", sg.Camera.orbit(splats, size=(8, 8)), sg.Settings(), lambda *how: splats)
+    return ReportSubject("made up", sg.Camera.orbit(splats, size=(8, 8)), sg.Settings(), lambda *how: splats)
 
 
 def scene(error: float = 1e-3) -> SceneResults:
@@ -33,7 +33,7 @@ def scene(error: float = 1e-3) -> SceneResults:
     for n, method in enumerate(list(methods().values())[::3]):
         timing = Timing(tuple(0.01 * (1 + n) * np.array([0.9, 1.0, 1.1])))
         found = {truth: {"rmse": error / (1 + n)} for truth in TRUTHS}
-        rows.append(Row(method.name, timing=timing, errors=found))
+        rows.append(ResultRow(method.name, timing=timing, errors=found))
     return SceneResults(subject(), rows)
 
 
@@ -79,7 +79,7 @@ def decided(**measured: tuple[float, float]) -> SceneResults:
     rows = []
     for name, (error, seconds) in measured.items():
         timing = Timing(tuple(seconds * np.array([0.9, 1.0, 1.1])))
-        rows.append(Row(name, timing=timing, errors={"field": {"rmse": error}}))
+        rows.append(ResultRow(name, timing=timing, errors={"field": {"rmse": error}}))
     return SceneResults(subject(), rows)
 
 

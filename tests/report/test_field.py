@@ -18,7 +18,7 @@ from splatgl.data.scenes import FORMULAS
 from splatgl.reference.field import field_integral
 from splatgl.report.methods import axis_of, methods
 from splatgl.report.page import conclusion
-from splatgl.report.sweep import LEVELS, SceneResults, Subject, Sweep, Truths
+from splatgl.report.sweep import LEVELS, ReportSubject, SceneResults, Sweep, Truths
 from tests.helpers.noise import close_up
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
@@ -27,8 +27,8 @@ LEVEL = replace(LEVELS["quick"], size=16, rounds=1)
 
 
 @pytest.fixture(scope="module")
-def balls() -> Subject:
-    found = Subject.open("balls", LEVEL)
+def balls() -> ReportSubject:
+    found = ReportSubject.open("balls", LEVEL)
     return replace(found, camera=close_up(found.splats(), 30, 20, found.camera.size))
 
 
@@ -36,20 +36,20 @@ def rmse(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.sqrt(((a - b) ** 2).mean() / (b**2).mean()))
 
 
-def test_scenes_with_formulas_are_samples_of_them(balls: Subject) -> None:
+def test_scenes_with_formulas_are_samples_of_them(balls: ReportSubject) -> None:
     """Never of joined voxels, however few splats a level takes."""
     assert balls.formula is FORMULAS["balls"] and balls.no_field == ""
-    few = Subject.open("balls", replace(LEVEL, splats=10))
+    few = ReportSubject.open("balls", replace(LEVEL, splats=10))
     assert few.content and few.content[0].shape == (48, 48, 48) and not few.note
-    assert Subject.open("letter-f", LEVEL).formula is None
+    assert ReportSubject.open("letter-f", LEVEL).formula is None
 
 
 def test_a_file_of_the_same_name_has_no_formula(tmp_path: Path) -> None:
     np.save(tmp_path / "balls.npy", sg.scenes.ball(4).samples)
-    assert Subject.open(str(tmp_path / "balls.npy"), LEVEL).formula is None
+    assert ReportSubject.open(str(tmp_path / "balls.npy"), LEVEL).formula is None
 
 
-def test_the_field_is_the_formulas(renderer: sg.Renderer, balls: Subject) -> None:
+def test_the_field_is_the_formulas(renderer: sg.Renderer, balls: ReportSubject) -> None:
     """Means of finely marched rays; that of the samples is near, and another."""
     truths = Truths(renderer, balls, LEVEL)
     found = truths.get("field", sg.Settings()).pixels
@@ -72,7 +72,7 @@ def test_the_field_is_the_formulas(renderer: sg.Renderer, balls: Subject) -> Non
     assert np.abs(over[..., :3] - found[..., :3] - 0.5 * (1 - found[..., 3:])).max() < 1e-12
 
 
-def swept(renderer: sg.Renderer, subject: Subject, *names: str) -> SceneResults:
+def swept(renderer: sg.Renderer, subject: ReportSubject, *names: str) -> SceneResults:
     made = Sweep(Truths(renderer, subject, LEVEL))
     made.pictures(LEVEL.methods(names), lambda text: None)
     made.times(1, lambda text: None)
@@ -80,7 +80,7 @@ def swept(renderer: sg.Renderer, subject: Subject, *names: str) -> SceneResults:
 
 
 @pytest.mark.long
-def test_methods_are_measured_against_the_field(renderer: sg.Renderer, balls: Subject) -> None:
+def test_methods_are_measured_against_the_field(renderer: sg.Renderer, balls: ReportSubject) -> None:
     names = ("exact", "sheets 3", "post b-spline", "post b-spline 2×2", "post crawfis-max 2×2")
     scene = swept(renderer, balls, *names)
     rows = {row.method: row for row in scene.rows}
@@ -113,12 +113,12 @@ def test_who_competes_for_which_front() -> None:
     [
         (lambda subject: replace(subject, content=None), "splats alone"),
         (lambda subject: replace(subject, settings=sg.Settings(blend="xray")), "blend composite"),
-        (lambda subject: Subject.open("letter-f", LEVEL), "colours of its own"),
+        (lambda subject: ReportSubject.open("letter-f", LEVEL), "colours of its own"),
     ],
     ids=["splats", "xray", "colours"],
 )
 def test_scenes_without_a_field(
-    renderer: sg.Renderer, balls: Subject, changed: Callable[[Subject], Subject], why: str
+    renderer: sg.Renderer, balls: ReportSubject, changed: Callable[[ReportSubject], ReportSubject], why: str
 ) -> None:
     subject = changed(balls)
     assert why in subject.no_field

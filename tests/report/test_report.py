@@ -16,7 +16,7 @@ from splatgl.cli.main import main
 from splatgl.cli.report import list_methods
 from splatgl.report import methods
 from splatgl.report.page import as_csv, conclusion, left_out, page, registry, strip
-from splatgl.report.sweep import LEVELS, Point, SceneResults, Subject, Sweep, Timing, Truths, errors, front
+from splatgl.report.sweep import LEVELS, Point, ReportSubject, SceneResults, Sweep, Timing, Truths, errors, front
 from tests.helpers.splatting import SPLATS
 from tests.stress import CASES, run_case
 
@@ -40,7 +40,7 @@ def point(name: str, error: float, seconds: float) -> Point:
 
 
 @pytest.fixture(scope="module")
-def subject() -> Subject:
+def subject() -> ReportSubject:
     volume = sg.scenes.ball(5)
     transfer = sg.Transfer(points=[(0.0, 0.0), (1.0, 0.6)], unit=1.0)
 
@@ -50,10 +50,10 @@ def subject() -> Subject:
         return sg.extract(volume, transfer, max(threshold, 0.05 * coarse), classification="pre")
 
     camera = sg.Camera.orbit(volume, azimuth=20, elevation=10, size=(16, 16))
-    return Subject("ball", camera, SPLATS, build, content=(volume, transfer))
+    return ReportSubject("ball", camera, SPLATS, build, content=(volume, transfer))
 
 
-def swept(renderer: sg.Renderer, subject: Subject, *only: str, rounds: int = 1) -> SceneResults:
+def swept(renderer: sg.Renderer, subject: ReportSubject, *only: str, rounds: int = 1) -> SceneResults:
     """Results of some methods or axes."""
     made = Sweep(Truths(renderer, subject, LEVEL))
     made.pictures(LEVEL.methods(only), lambda text: None)
@@ -109,7 +109,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 def mine() -> Iterator[str]:
     """A method of one's own."""
     axes = methods.AXES
-    methods.register(methods.Axis("mine", "made up", (methods.Method("mine 1", {"table_size": 77}),)))
+    methods.register(methods.MethodAxis("mine", "made up", (methods.Method("mine 1", {"table_size": 77}),)))
     yield "mine 1"
     # from where it was put: the test may have others in their place
     del axes["mine"]
@@ -117,11 +117,11 @@ def mine() -> Iterator[str]:
 
 @pytest.mark.long
 def test_a_new_method_is_one_entry(
-    renderer: sg.Renderer, subject: Subject, mine: str, monkeypatch: pytest.MonkeyPatch
+    renderer: sg.Renderer, subject: ReportSubject, mine: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It appears in the report, in the stress suite, in the list and in what the README is held to."""
     with pytest.raises(sg.InputError):
-        methods.register(methods.Axis("other", "taken", (methods.Method(mine),)))
+        methods.register(methods.MethodAxis("other", "taken", (methods.Method(mine),)))
     scene = swept(renderer, subject, "mine")
     assert [row.method for row in scene.rows] == [mine] and scene.rows[0].timing
     assert mine in as_csv([scene]) and mine in page([scene], HEAD, LEVEL, {}, {})
@@ -135,33 +135,33 @@ def test_a_new_method_is_one_entry(
 @pytest.mark.turns(3)
 @pytest.mark.few(6)
 @pytest.mark.parametrize("name", methods.methods())
-def test_every_method_draws(renderer: sg.Renderer, subject: Subject, name: str) -> None:
+def test_every_method_draws(renderer: sg.Renderer, subject: ReportSubject, name: str) -> None:
     splats, settings = subject.inputs(methods.methods()[name])
     image = renderer.render(splats, subject.camera, settings)
     assert np.isfinite(image.pixels).all() and image.pixels.any()
 
 
-def test_truths_are_four_and_kept(renderer: sg.Renderer, subject: Subject) -> None:
+def test_truths_are_four_and_kept(renderer: sg.Renderer, subject: ReportSubject) -> None:
     truths = Truths(renderer, subject, LEVEL)
     settings = SPLATS
     made = {name: truths.get(name, settings).pixels for name in methods.TRUTHS}
     reference = sg.reference.render(subject.splats(), subject.camera, settings).pixels
     np.testing.assert_array_equal(made["reference"], reference)
-    fine = settings.but(antialias="supersample", samples=8)
+    fine = settings.replace(antialias="supersample", samples=8)
     sampled = sg.reference.render(subject.splats(), subject.camera, fine).pixels
     assert np.abs(made["sampled"] - sampled).max() < 0.01
     assert 0 < np.abs(made["integral"] - made["sampled"]).max() < 0.2
     assert 0 < np.abs(made["field"] - made["integral"]).max() < 0.3
     # drawn once, whatever is none of a truth's concern
-    assert truths.get("integral", settings.but(technique="quads")).pixels is made["integral"]
+    assert truths.get("integral", settings.replace(technique="quads")).pixels is made["integral"]
     for truth in ("integral", "field"):
         with pytest.raises(sg.InputError, match="composite"):
-            truths.get(truth, SPLATS.but(blend="xray"))
+            truths.get(truth, SPLATS.replace(blend="xray"))
     with pytest.raises(sg.InputError, match="--full"):
-        truths.get("reference", SPLATS.but(antialias="supersample", samples=64))
+        truths.get("reference", SPLATS.replace(antialias="supersample", samples=64))
 
 
-def test_the_papers_8_bits_are_told_apart_from_its_forms(renderer: sg.Renderer, subject: Subject) -> None:
+def test_the_papers_8_bits_are_told_apart_from_its_forms(renderer: sg.Renderer, subject: ReportSubject) -> None:
     """Its framebuffer mixes display values, and is compared with a reference that mixes them: each of form, table and
     blending adds an error of its own, where against linear light the whole would be the other mixture.
     """
@@ -171,7 +171,7 @@ def test_the_papers_8_bits_are_told_apart_from_its_forms(renderer: sg.Renderer, 
     assert len(off) == len(names)
     assert off == sorted(off) and off[0] < 0.5 * off[1]
     splats, settings = subject.inputs(methods.methods()[methods.PAPER])
-    linear = Truths(renderer, subject, LEVEL).get("reference", settings.but(target="rgba32f"))
+    linear = Truths(renderer, subject, LEVEL).get("reference", settings.replace(target="rgba32f"))
     assert off[-1] < 0.5 * errors(renderer.render(splats, subject.camera, settings), linear)["rmse"]
     paper = scene.row(methods.PAPER)
     assert paper and set(paper.errors) == {"reference"} and "display values" in paper.missing["sampled"]
@@ -180,7 +180,9 @@ def test_the_papers_8_bits_are_told_apart_from_its_forms(renderer: sg.Renderer, 
 
 
 @pytest.mark.long
-def test_a_sweep_and_its_repetition(renderer: sg.Renderer, subject: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sweep_and_its_repetition(
+    renderer: sg.Renderer, subject: ReportSubject, monkeypatch: pytest.MonkeyPatch
+) -> None:
     # so near that nothing is antialiased
     subject, turns = replace(subject, camera=subject.camera.resized((48, 48))), list[str]()
     turn = Sweep.turn
@@ -296,7 +298,7 @@ def test_ctrl_c_leaves_pages(
     assert "not timed: interrupted" in (tmp_path / "report.html").read_text()
 
 
-def test_ewa_splatting_is_measured_and_shown_but_not_timed(renderer: sg.Renderer, subject: Subject) -> None:
+def test_ewa_splatting_is_measured_and_shown_but_not_timed(renderer: sg.Renderer, subject: ReportSubject) -> None:
     results = swept(renderer, subject, "ewa")
     ewa, beside = results.rows
     assert (ewa.method, beside.method) == (methods.EWA, methods.BESIDE_EWA) and not ewa.same_as

@@ -71,8 +71,8 @@ def test_samples_of_peers_are_averaged() -> None:
     content, camera = (volume, sg.default_transfer(volume)), sg.Camera.orbit(volume, size=(20, 16))
     found = []
     for view, settings in (
-        (camera, SPLATS.but(antialias="supersample", samples=2)),
-        (camera.resized((40, 32)), SPLATS.but(antialias="off")),
+        (camera, SPLATS.replace(antialias="supersample", samples=2)),
+        (camera.resized((40, 32)), SPLATS.replace(antialias="off")),
     ):
         with closing(Peer("cpu", content, view, settings)) as peer:
             found.append(peer.frame()[0].pixels)
@@ -86,4 +86,4 @@ def test_what_peers_cannot_draw_is_left_out(changed: dict) -> None:
     volume = sg.scenes.ball(4)
     content = (volume, sg.default_transfer(volume))
     with pytest.raises(sg.InputError):
-        Peer("cpu", content, sg.Camera.orbit(volume), SPLATS.but(**changed))
+        Peer("cpu", content, sg.Camera.orbit(volume), SPLATS.replace(**changed))

@@ -20,7 +20,7 @@ from splatgl import fileio
 from splatgl.animation.animation import Animation
 from splatgl.cli.main import main
 from splatgl.opengl import OpenGL
-from splatgl.planning.culling import Opaque
+from splatgl.planning.culling import OpaqueBounds
 from splatgl.platforms import has_display
 from splatgl.scene import shared_renderer
 from splatgl.scene.draw import DrawOptions, draw
@@ -119,7 +119,7 @@ def test_a_camera_a_transfer_function_and_splats(volume: sg.Volume, renderer: sg
     right = renderer.render(splats, camera, white).pixels
     assert np.array_equal(sg.render(volume, transfer, camera).pixels, right)
     assert np.array_equal(sg.render(splats, camera=camera).pixels, right)
-    fitted = sg.Camera.orbit(Opaque(volume, transfer), 30, 20, size=(64, 48))
+    fitted = sg.Camera.orbit(OpaqueBounds(volume, transfer), 30, 20, size=(64, 48))
     assert np.array_equal(sg.render(splats, size=(64, 48)).pixels, renderer.render(splats, fitted, white).pixels)
     found = sg.render(volume, {"points": transfer.points, "colormap": "gray"}, camera, colormap="bone")
     assert np.array_equal(found.pixels, right)

@@ -27,7 +27,7 @@ pytestmark = pytest.mark.usefixtures("shared_programs")
 
 CLEAR = sg.Transfer([(0.0, 0.0)], colormap="viridis", window=(0, 24))
 MIDDLE, RADIUS = np.full(3, 11.5), 8.0
-UNLIT = PLAIN.but(shading="off")
+UNLIT = PLAIN.replace(shading="off")
 FRONT = (0.0, 1.0, 0.0, 12.0)
 
 
@@ -183,7 +183,8 @@ def test_planes_of_settings_have_caps_too(renderer: sg.Renderer) -> None:
     scenes = [sg.Scene(layers, clip, [ball]) for clip in ([other, FRONT], [other], [])]
     rest = [(), (FRONT,), (other, FRONT)]
     pictures = [
-        renderer.render(scene, ahead(32), UNLIT.but(clip=clip)).pixels for scene, clip in zip(scenes, rest, strict=True)
+        renderer.render(scene, ahead(32), UNLIT.replace(clip=clip)).pixels
+        for scene, clip in zip(scenes, rest, strict=True)
     ]
     assert all(np.abs(picture - pictures[0]).max() < 1e-6 for picture in pictures) and pictures[0].max() > 0.5
     # a scene of meshes that are cut already is drawn as it is

@@ -17,7 +17,7 @@ from splatgl.scene.transfer_choice import FAINTLY
 from splatgl.scene.view import ViewOptions
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
-from splatgl.viewer.loading import Added, Files
+from splatgl.viewer.loading import AddedFiles, Files
 from splatgl.viewer.saving import scene_of
 from splatgl.viewer.state import History, State
 
@@ -109,7 +109,7 @@ def added(document: Document, state: State, path: Path) -> tuple[State, Document
     files.add([str(path)], document.scene)
     assert files.jobs.wait(60)
     (done,) = files.jobs.collect()
-    assert isinstance(done.value, Added)
+    assert isinstance(done.value, AddedFiles)
     return done.value.added_to(state, document)
 
 

@@ -129,7 +129,7 @@ def test_regions_over_gradients_beside_another_layer(
     camera = sg.Camera.orbit(scene, 30, 20, 40, (16, 14))
     right = reference.render(scene, camera, PLAIN).pixels
     assert np.abs(right - reference.render(field, camera, PLAIN).pixels).max() > 0.05
-    image = renderer.render(scene, camera, PLAIN.but(technique=technique))
+    image = renderer.render(scene, camera, PLAIN.replace(technique=technique))
     assert image.info["technique"] == technique and np.abs(image.pixels - right).max() < 4e-4
 
 
@@ -141,7 +141,7 @@ def test_boxes_beside_another_layer_by_wide_pixels(renderer: sg.Renderer) -> Non
     labels = sg.Volume((rng.random(cells.shape) * 3).astype(np.uint8)).of_values("labels")
     scene = sg.Scene([sg.Layer(colored, sg.Transfer([(0, 0.2)])), sg.Layer(labels, opacity=0.1)])
     camera = sg.Camera.look_at((30, 3.4, 2.2), (0, 3.4, 2.2), (0, 0, 1), fov=110, size=(21, 15))
-    settings = PLAIN.but(technique="quads", shading="off")
+    settings = PLAIN.replace(technique="quads", shading="off")
     image = renderer.render(scene, camera, settings)
     assert image.info["technique"] == "quads"
     assert np.abs(image.pixels - reference.render(scene, camera, settings).pixels).max() < 1e-3
@@ -154,7 +154,7 @@ def test_what_is_behind_a_parallel_eye_casts_no_shadow(
     camera = sg.Camera.orbit(field, 30, 20, 40, (12, 10)).parallel(field)
     middle = field.layers[0].volume.center
     inside = sg.Camera.orthographic(middle, middle + camera.forward, (0, 0, 1), 12.0, (12, 10))
-    settings = PLAIN.but(shadows=0.9, technique=technique)
+    settings = PLAIN.replace(shadows=0.9, technique=technique)
     right = reference.render(field, inside, settings).pixels
     assert np.abs(right - reference.render(field, inside, PLAIN).pixels).max() > 0.05
     assert np.abs(renderer.render(field, inside, settings).pixels - right).max() < 1e-3
@@ -165,7 +165,7 @@ def test_without_an_order_layers_hide_by_turns() -> None:
     first, second = (np.full((1, 1, 4), [[color, 0.0, 0.0, alpha]]) for color, alpha in ((0.1, 0.25), (0.3, 0.6)))
     mip = sg.Settings(blend="mip", background=(0.0, 1.0, 0.5))
     assert join_pictures([first, second], mip)[0, 0] == pytest.approx([0.4, 0.3, 0.15, 1.0])
-    assert join_pictures([first, second], mip.but(background=None))[0, 0] == pytest.approx([0.4, 0, 0, 0.7])
+    assert join_pictures([first, second], mip.replace(background=None))[0, 0] == pytest.approx([0.4, 0, 0, 0.7])
     assert join_pictures([first, second], sg.Settings(blend="xray"))[0, 0] == pytest.approx([0.4, 0, 0, 0.85])
 
 
@@ -244,9 +244,13 @@ def test_moving_layers_are_the_mean_of_their_moments(renderer: sg.Renderer, fiel
     """All of them turn together; what does not move is sharp, to the last bit."""
     camera, turn = sg.Camera.orbit(field, 20, 30, size=(32, 32)), sg.Motion(spin=(0, 0, 20.0))
     still = renderer.render(field, camera, PLAIN)
-    for motion, settings in ((sg.Motion(), PLAIN), (turn, PLAIN.but(motion="off")), (turn, PLAIN.but(shutter=0))):
+    for motion, settings in (
+        (sg.Motion(), PLAIN),
+        (turn, PLAIN.replace(motion="off")),
+        (turn, PLAIN.replace(shutter=0)),
+    ):
         assert np.array_equal(renderer.render(field, camera, settings, motion).pixels, still.pixels)
-    image = renderer.render(field, camera, PLAIN.but(moments=2), turn)
+    image = renderer.render(field, camera, PLAIN.replace(moments=2), turn)
     # the middles of both halves of the half of a frame during which the shutter is open
     parts = [renderer.render(field, turn.view(camera, at), PLAIN).pixels for at in (-0.125, -0.375)]
     assert np.abs(image.pixels - np.mean(parts, axis=0)).max() < 1e-6

@@ -12,7 +12,7 @@ import pytest
 import splatgl as sg
 from splatgl import reference
 from splatgl.annotations.bars import _bars
-from splatgl.annotations.canvas import BLACK, AnnotationView, Canvas, Scale
+from splatgl.annotations.canvas import BLACK, AnnotationView, Canvas, ColorScale
 from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.geometry.clipping import check_planes
@@ -29,7 +29,7 @@ from tests.helpers.meshes import PLAIN, along_y, block, cloud, knots
 pytestmark = pytest.mark.usefixtures("shared_programs")
 
 CLEAR = sg.Transfer([(0.0, 0.0), (1.0, 0.0)])
-UNLIT = PLAIN.but(shading="off")
+UNLIT = PLAIN.replace(shading="off")
 
 
 def square(values: Any, **look: Any) -> sg.Mesh:
@@ -145,7 +145,7 @@ def test_planes_cut_meshes_that_are_to_be_cut(renderer: sg.Renderer) -> None:
     volume = block()
     wall = square(None, color=(1, 0, 0))
     cut = sg.Mesh(wall.vertices, wall.faces, color=(1, 0, 0), clipped=True)
-    camera, settings = along_y(), UNLIT.but(clip=[(1.0, 0.0, 0.0, 12.0)])
+    camera, settings = along_y(), UNLIT.replace(clip=[(1.0, 0.0, 0.0, 12.0)])
     layers = [sg.Layer(volume, CLEAR)]
     scenes = [sg.Scene(layers, meshes=[each]) for each in (wall, cut)]
     alpha = [renderer.render(each, camera, settings).pixels[10, :, 3] for each in scenes]
@@ -156,7 +156,7 @@ def test_planes_cut_meshes_that_are_to_be_cut(renderer: sg.Renderer) -> None:
     found = sg.depth_map(volume, CLEAR, camera, settings, meshes=[cut])
     assert np.isnan(found[10, 5]) and found[10, 15] == pytest.approx(9 - (11.5 - 60))
     image = sg.render(
-        volume, CLEAR, camera, UNLIT.but(background=None), meshes=[wall], clip="x>0.5", clip_meshes=True
+        volume, CLEAR, camera, UNLIT.replace(background=None), meshes=[wall], clip="x>0.5", clip_meshes=True
     ).pixels[10, :, 3]
     assert (image == (np.arange(20) >= 10)).all()
 
@@ -256,7 +256,11 @@ def test_scene_files_and_commands(tmp_path: Path, capsys: pytest.CaptureFixture[
     path.write_text(SceneFile(source, meshes=(mesh,)).to_toml(tmp_path))
     assert SceneFile.from_toml(path).meshes == (mesh,)
     opened = mesh.open()
-    assert opened.clipped and opened.window == (1.0, 4.0) and Scale.of([opened]) == (Scale("hot", 1.0, 4.0, "b"),)
+    assert (
+        opened.clipped
+        and opened.window == (1.0, 4.0)
+        and ColorScale.of([opened]) == (ColorScale("hot", 1.0, 4.0, "b"),)
+    )
     out = tmp_path / "o.npy"
     options = ["-o", str(out), "--size", "96", "--check", "0", "--quiet", "--background", "transparent"]
     assert main(["render", source, *options]) == 0
@@ -314,7 +318,7 @@ def test_surfaces_beside_lines(options: dict[str, Any], opacity: float | None, b
     document = Document.open(file, quiet=True)
     assert [surface.opacity for surface in document.layers[0].transfer.iso] == [s.opacity for s in scene.transfer.iso]
     valued, transfer = bar_of(State.of(document, (64, 64)), document)
-    assert Scale.of(document.meshes) == scene.annotated_subject.scales
+    assert ColorScale.of(document.meshes) == scene.annotated_subject.scales
     assert (valued, transfer.iso) == (document.volume, scene.transfer.iso)
 
 

@@ -77,7 +77,7 @@ def test_meshes_in_clouds_are_the_reference(
     scene = sg.Scene([sg.Layer(each, look) for each in volumes], meshes=knots(volumes[0]))
     camera = sg.Camera.orbit(scene, 30, 20, size=(48, 40))
     camera = camera.parallel(scene) if parallel else camera
-    settings = PLAIN.but(classification=classification, compositing="sheets")
+    settings = PLAIN.replace(classification=classification, compositing="sheets")
     found = renderer.render(scene, camera, settings)
     right = reference.render(scene, camera, settings).pixels
     off = np.abs(found.pixels - right).max(axis=2)
@@ -183,9 +183,9 @@ def test_colors_of_meshes_have_names() -> None:
 def test_what_meshes_refuse(renderer: sg.Renderer) -> None:
     scene = sg.Scene([sg.Layer(block(size=6), FOG)], meshes=[disc(3, 2)])
     with pytest.raises(InputError, match="meshes: expected blend composite, got mip"):
-        renderer.render(scene, along_y(), PLAIN.but(blend="mip"))
+        renderer.render(scene, along_y(), PLAIN.replace(blend="mip"))
     with pytest.raises(InputError, match="layers composite in sheets"):
-        renderer.render(scene, along_y(), PLAIN.but(compositing="splats", classification="pre"))
+        renderer.render(scene, along_y(), PLAIN.replace(compositing="splats", classification="pre"))
 
 
 def tetrahedron() -> tuple[np.ndarray, np.ndarray]:

@@ -112,7 +112,7 @@ def test_previews_of_the_window(unit: str | None, tmp_path: Path, monkeypatch: p
     assert len({splats.grid.mean_spacing for splats in map(layer.at, STRIDES)}) > 1
     assert {layer.at(stride).unit for stride in STRIDES} == {expected}
     edited = layer.with_transfer(replace(layer.transfer, points=((0.0, 0.0), (1.0, 0.04))), 0.0)
-    assert {splats.unit for splats in edited.made.values()} == {expected}
+    assert {splats.unit for splats in edited.by_stride.values()} == {expected}
 
 
 def test_pictures_that_are_the_same_have_one_length(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

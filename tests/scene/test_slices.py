@@ -16,7 +16,7 @@ import splatgl as sg
 from splatgl import reference
 from splatgl.cli.main import main
 from splatgl.errors import InputError
-from splatgl.geometry.slices import Painted
+from splatgl.geometry.slices import SliceLayer
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.slice_planes import layer_painter
 from tests.helpers.meshes import PLAIN, RED, block, cloud, knots
@@ -118,7 +118,7 @@ def test_holes_of_planes_show_what_is_behind(renderer: sg.Renderer) -> None:
     behind = sg.Mesh([[0, 20, 0], [24, 20, 0], [24, 20, 24], [0, 20, 24]], [[0, 1, 2], [0, 2, 3]], color=RED)
     clear = sg.Transfer([(0.0, 0.0)], "gray", window=(0, 2))
     scene = sg.Scene([sg.Layer(sg.Volume(samples), clear)], meshes=[behind], slices=["y=7"])
-    settings = PLAIN.but(shading="off")
+    settings = PLAIN.replace(shading="off")
     for draw in (renderer.render, reference.render):
         pixels = draw(scene, ahead(), settings).pixels
         hole = (X > 7.5) & (X < 15.5)
@@ -134,7 +134,7 @@ def test_what_planes_refuse(renderer: sg.Renderer) -> None:
     with pytest.raises(InputError, match="slices and caps: expected none in a plotter"):
         scene.to_pyvista(off_screen=True)
     with pytest.raises(InputError, match="expected blend composite, got mip"):
-        renderer.render(scene, ahead(), PLAIN.but(blend="mip"))
+        renderer.render(scene, ahead(), PLAIN.replace(blend="mip"))
 
 
 # --- sheets -----------------------------------------------------------------------------------------------------------
@@ -219,7 +219,7 @@ def test_labels_over_slices_have_the_opacity_that_is_asked_for(tmp_path: Path) -
     first = sg.Scene([sg.Layer(volume)]).painter("slice").light(points)[:, :3]
     over = sg.Scene([sg.Layer(volume), sg.Layer(segments)]).painter("slice").light(points)[:, :3]
     assert np.abs(light - (0.7 * first + 0.3 * over)).max() < 1e-9
-    looks = Painted(volume, sg.default_transfer(volume)), Painted(segments, sg.default_transfer(segments), 0.3)
+    looks = SliceLayer(volume, sg.default_transfer(volume)), SliceLayer(segments, sg.default_transfer(segments), 0.3)
     assert np.abs(layer_painter(looks, colored=True).light(points)[:, :3] - light).max() < 1e-9
     # amounts over amounts, too
     np.save(tmp_path / "more.npy", (y * 8).astype(np.uint8))

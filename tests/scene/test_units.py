@@ -13,7 +13,7 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.data.affine import World
-from splatgl.data.volume import Axis
+from splatgl.data.volume import AxisCoordinate
 from splatgl.geometry.scissors import Scissors
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
@@ -201,7 +201,7 @@ def test_placed_volumes_and_meshes() -> None:
     assert placed.spacing == pytest.approx((1, 1, 1.25)) and placed.origin == pytest.approx((-8, 1, 4))
     assert np.allclose(placed.placed("LPS", "um").corners, volume.corners)
     # a file's coordinates stay where they are
-    axes = tuple(Axis(name, "km", 1e-9, 2.0) for name in "xyz")
+    axes = tuple(AxisCoordinate(name, "km", 1e-9, 2.0) for name in "xyz")
     slopes = [axis.slope for axis in replace(volume, axes=axes).placed("RAS", "mm").axes]
     assert slopes == pytest.approx([-1e-6, -1e-6, 1e-6])
     assert volume.placed(None, "px") is volume is volume.placed("LPS", "um") is volume.placed()

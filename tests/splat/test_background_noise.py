@@ -12,7 +12,7 @@ import pytest
 import splatgl as sg
 from splatgl.data.volume import Volume
 from splatgl.transfer.presets import default_transfer
-from splatgl.transfer.statistics import ground_of, mean_deviation, sampled_steps, statistics
+from splatgl.transfer.statistics import background_of, mean_deviation, sampled_steps, statistics
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
 # offset, noise (standard deviation), least Jaccard index of what is kept, relative to the best of any threshold
@@ -113,7 +113,7 @@ NOTHING: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
 @pytest.mark.parametrize("name", NOTHING)
 def test_other_values_have_no_ground(name: str) -> None:
     values = np.sort(NOTHING[name](np.random.default_rng(6)))
-    assert ground_of(values, 0.95) is None
+    assert background_of(values, 0.95) is None
 
 
 def test_few_different_objects_on_a_ground_are_no_labels() -> None:

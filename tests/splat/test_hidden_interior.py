@@ -160,8 +160,8 @@ def test_only_bounded_values_are_hidden(small_interiors: None) -> None:
         assert (HiddenInterior.of(samples, post, 1.0) is not None) == is_hidden
     # voxels that may move
     flowing = replace(samples, vectors=np.zeros((*samples.shape, 3), np.float32))
-    assert sg.extract(samples, SOLID).hollow  # type: ignore[union-attr]
-    assert not sg.extract(flowing, SOLID).hollow  # type: ignore[union-attr]
+    assert sg.extract(samples, SOLID).skipped_interior  # type: ignore[union-attr]
+    assert not sg.extract(flowing, SOLID).skipped_interior  # type: ignore[union-attr]
 
 
 @pytest.fixture
@@ -212,7 +212,7 @@ def test_wide_pixels_leave_out_less(small_interiors: None, renderer: sg.Renderer
         drawn = select_splats(splats, settings, False, view)
         assert drawn.post is not None and len(splats) <= len(drawn) < len(whole)
         assert select_splats(splats, settings, False, view) is drawn
-        reaches.append(drawn.hollow)
+        reaches.append(drawn.skipped_interior)
     assert reaches == [1, 2]
     pixels = renderer.render(splats, camera, settings).pixels
     assert np.abs(pixels - renderer.render(whole, camera, settings).pixels).max() <= LIGHT
@@ -232,10 +232,10 @@ INTERIOR = {
 @pytest.mark.parametrize("name", INTERIOR)
 def test_other_pictures_get_all_voxels(ball: sg.Volume, camera: sg.Camera, name: str) -> None:
     splats = sg.extract(ball, SOLID)
-    assert splats.post is not None and splats.hollow
+    assert splats.post is not None and splats.skipped_interior
     drawn = select_splats(splats, INTERIOR[name], False, camera)
     whole = sg.extract(ball, SOLID, classification="post-all" if name == "mean" else "post")
-    assert drawn.post is not None and not drawn.hollow
+    assert drawn.post is not None and not drawn.skipped_interior
     assert len(drawn) == len(select_splats(whole, INTERIOR[name], False, camera))
 
 
@@ -245,7 +245,7 @@ def test_eyes_inside_and_wide_pixels_get_all_voxels(ball: sg.Volume, camera: sg.
     near = sg.Camera.look_at((24, -4, 24), (24, 24, 24), (0, 0, 1), size=(32, 32))
     cutting = sg.Camera.orthographic((24, 24, 24), (24, 48, 24), (0, 0, 1), 50, (32, 32))
     for view in (near, cutting, camera.resized((4, 4)), None):
-        assert not select_splats(splats, settings, False, view).hollow  # type: ignore[union-attr]
+        assert not select_splats(splats, settings, False, view).skipped_interior  # type: ignore[union-attr]
 
 
 def test_too_many_values_are_classified_before_without_the_interior(
@@ -253,7 +253,7 @@ def test_too_many_values_are_classified_before_without_the_interior(
 ) -> None:
     monkeypatch.setattr(extract, "MOST_KEPT", 10_000)
     splats, whole = sg.extract(ball, SOLID), sg.extract(ball, SOLID, classification="pre")
-    assert splats.post is None and splats.hollow and len(splats) < len(whole)
+    assert splats.post is None and splats.skipped_interior and len(splats) < len(whole)
     assert select_splats(splats, sg.Settings(), False, camera) is splats
     pictures = [renderer.render(drawn, camera, sg.Settings()) for drawn in (splats, whole)]
     assert pictures[0].pixels.max() > 0.5 and np.abs(pictures[0].pixels - pictures[1].pixels).max() <= LIGHT
@@ -262,7 +262,7 @@ def test_too_many_values_are_classified_before_without_the_interior(
     assert bounds[0] > LIGHT and bounds[0] - bounds[1] == pytest.approx(LIGHT, rel=0.1)
     for changed in (*INTERIOR.values(), sg.Settings(classification="pre")):
         drawn = select_splats(splats, changed, False, camera)
-        assert not drawn.hollow and len(drawn) >= len(select_splats(whole, changed, False, camera))
+        assert not drawn.skipped_interior and len(drawn) >= len(select_splats(whole, changed, False, camera))
 
 
 def test_a_hollow_set_serves_no_other_transfer_function(ball: sg.Volume, camera: sg.Camera) -> None:

@@ -133,7 +133,7 @@ def test_a_registered_kernel_draws_within_its_bound(renderer: sg.Renderer, regis
     splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.6)]), classification="pre")
     for technique, zoom, blend in itertools.product(("quads", "tiles"), (1, 1 / 12), ("composite", "xray", "mip")):
         camera = sg.Camera.orbit(splats, 20, 30, size=(64, 64), zoom=zoom)
-        settings = SPLATS.but(kernel=registered, technique=technique, blend=blend)
+        settings = SPLATS.replace(kernel=registered, technique=technique, blend=blend)
         image = renderer.render(splats, camera, settings, verify_bound=False)
         right = sg.reference.render(splats, camera, settings).pixels
         assert image.info["kernel"] == registered and right.max() > 0.01

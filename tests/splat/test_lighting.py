@@ -10,7 +10,7 @@ import pytest
 import splatgl as sg
 from splatgl import reference
 from splatgl.cli.main import main
-from splatgl.splat.lighting import LIGHTS, Light
+from splatgl.splat.lighting import LIGHTS, LightModel
 from splatgl.splat.settings import choices
 from tests.helpers.noise import GRIDS, views
 
@@ -36,8 +36,8 @@ def test_light_on_slopes(name: Any, tilt: tuple[float, float], renderer: sg.Rend
     """By the angles between the normal, the light and the eye; a light behind a surface gives ambient light alone."""
     splats = sg.extract(slope(tilt), sg.Transfer([(0, 0.99)], colormap="#808080"), classification="pre")
     light = LIGHTS[name]
-    pixel = renderer.render(splats, CAMERA, PLAIN.but(light=name)).pixels[2, 2]
-    plain = renderer.render(splats, CAMERA, PLAIN.but(shading="off")).pixels[2, 2]
+    pixel = renderer.render(splats, CAMERA, PLAIN.replace(light=name)).pixels[2, 2]
+    plain = renderer.render(splats, CAMERA, PLAIN.replace(shading="off")).pixels[2, 2]
 
     def unit(side: float, above: float) -> np.ndarray:
         a, b = np.radians([side, above])
@@ -67,10 +67,10 @@ def test_lit_pictures_are_the_reference(how: dict[str, Any], technique: Any, ren
     splats = sg.extract(cloud("sheared"), sg.Transfer([(0.3, 0), (0.7, 0.5)], colormap="viridis"))
     for name in ("fitted", "parallel"):
         camera = views(splats)[name]
-        settings = PLAIN.but(light="glossy", technique=technique, **how)
+        settings = PLAIN.replace(light="glossy", technique=technique, **how)
         image = renderer.render(splats, camera, settings)
         off = np.abs(image.pixels - reference.render(splats, camera, settings).pixels)
-        plain = renderer.render(splats, camera, settings.but(light="head")).pixels
+        plain = renderer.render(splats, camera, settings.replace(light="head")).pixels
         # a normal across the ray may be turned to either side
         assert (off > 2e-3).mean() < 1e-3 and off.max() < 0.03 and np.abs(plain - image.pixels).max() > 0.05
         bound = image.info["error_bound"]
@@ -82,28 +82,32 @@ def test_no_light_is_more_than_the_colours() -> None:
     for light in LIGHTS.values():
         assert light.ambient + light.diffuse + light.specular <= 1 + 1e-12
     assert set(choices()["light"]) == set(LIGHTS)
-    assert LIGHTS["head"].plain and not Light.of("head", (10, 0)).plain and Light.of("matte", (0, 0)).direction is None
+    assert (
+        LIGHTS["head"].plain
+        and not LightModel.of("head", (10, 0)).plain
+        and LightModel.of("matte", (0, 0)).direction is None
+    )
 
 
 def test_strengths_take_their_share_of_the_light() -> None:
     """Those given stay, the others shrink to what they leave, in proportion; more than all light is refused."""
-    head = Light.of("head", strengths=(None, None, 0.25))
+    head = LightModel.of("head", strengths=(None, None, 0.25))
     assert (head.ambient, head.diffuse, head.specular, head.sharpness) == pytest.approx((0.225, 0.525, 0.25, 5))
-    matte = Light.of("matte", strengths=(0.1, None, None))
+    matte = LightModel.of("matte", strengths=(0.1, None, None))
     assert (matte.ambient, matte.diffuse, matte.specular, matte.sharpness) == (0.1, 0.75, 0.0, 0)
-    assert Light.of("glossy", strengths=sg.Settings().strengths) == LIGHTS["glossy"]
+    assert LightModel.of("glossy", strengths=sg.Settings().strengths) == LIGHTS["glossy"]
     with pytest.raises(sg.InputError, match=r"^ambient, diffuse and specular: expected a sum of at most 1, got 1.1"):
-        Light.of("head", strengths=(0.5, 0.6, None))
+        LightModel.of("head", strengths=(0.5, 0.6, None))
 
 
 def test_strengths_light_pictures(renderer: sg.Renderer) -> None:
     """Ambient light alone shows plain colours; pictures are the reference's."""
     splats = sg.extract(cloud("cubes"), sg.Transfer([(0.3, 0), (0.7, 0.5)], shading=True))
     camera = views(splats)["fitted"]
-    flat = renderer.render(splats, camera, PLAIN.but(ambient=1.0)).pixels
-    unlit = renderer.render(splats, camera, PLAIN.but(shading="off")).pixels
+    flat = renderer.render(splats, camera, PLAIN.replace(ambient=1.0)).pixels
+    unlit = renderer.render(splats, camera, PLAIN.replace(shading="off")).pixels
     assert np.abs(flat - unlit).max() < 1e-5
-    settings = PLAIN.but(ambient=0.2, specular=0.5)
+    settings = PLAIN.replace(ambient=0.2, specular=0.5)
     found = renderer.render(splats, camera, settings).pixels
     off = np.abs(found - reference.render(splats, camera, settings).pixels)
     assert (off > 2e-3).mean() < 1e-3 and np.abs(found - unlit).max() > 0.05
@@ -113,7 +117,7 @@ def test_the_head_light_compiles_no_other(renderer: sg.Renderer) -> None:
     splats = sg.extract(cloud("cubes"), sg.Transfer([(0.3, 0), (0.7, 0.5)]))
     camera = views(splats)["fitted"]
     changes: tuple[dict[str, Any], ...] = ({}, {"light_from": (0, 0)}, {"light": "matte"})
-    plans = [renderer.plan(splats, camera, PLAIN.but(**each)) for each in changes]
+    plans = [renderer.plan(splats, camera, PLAIN.replace(**each)) for each in changes]
     assert plans[0].program == plans[1].program != plans[2].program
     assert plans[0].key == plans[1].key != plans[2].key
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.motion import Motion, Rigid, flow_of, rotation, rotation_vector, streaks
+from splatgl.splat.motion import Motion, RigidTransform, flow_of, rotation, rotation_vector, streaks
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
@@ -40,7 +40,7 @@ def test_parts_of_a_rigid_motion(rng: np.random.Generator) -> None:
     for angle in (0.0, 1e-7, 0.3, 3.0, np.pi):
         turn = rng.normal(size=3)
         turn *= angle / np.linalg.norm(turn)
-        whole = Rigid(rotation(turn), rng.normal(size=3))
+        whole = RigidTransform(rotation(turn), rng.normal(size=3))
         assert np.abs(np.cos(angle) - (np.trace(whole.rotation) - 1) / 2) < 1e-12
         assert np.abs(rotation(rotation_vector(whole.rotation)) - whole.rotation).max() < 1e-7
         third = whole.part(1 / 3)
@@ -66,7 +66,7 @@ def test_a_turning_volume_is_a_camera_that_goes_around_it(points: sg.Splats, cam
 def test_a_camera_goes_from_where_it_was(camera: sg.Camera) -> None:
     """In half the time it is half way on the circle, not on its chord; and zooms by equal factors."""
     center = np.array([0.0, 1, 0])
-    turn = Rigid.about(np.array([0, 0, 0.8]), center)
+    turn = RigidTransform.about(np.array([0, 0, 0.8]), center)
     before = replace(
         camera,
         eye=turn(camera.eye),

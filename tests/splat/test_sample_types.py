@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.planning.culling import Opaque
+from splatgl.planning.culling import OpaqueBounds
 from splatgl.transfer.presets import PRESETS, preset, slice_colors
 from splatgl.transfer.statistics import statistics
 
@@ -36,12 +36,12 @@ def test_looks_and_pictures_do_not_depend_on_the_type(kind: str) -> None:
 def test_samples_at_the_end_of_an_opacity_ramp_are_as_transparent_in_any_type(kind: str) -> None:
     samples = np.where(np.arange(12) % 5 == 2, 20, 10) * np.ones((6, 8, 1))
     ramp = sg.Transfer([(10.0, 0.0), (20.0, 0.9)])
-    low, high = Opaque(sg.Volume(samples.astype(kind)), ramp).corners[[0, -1]]
+    low, high = OpaqueBounds(sg.Volume(samples.astype(kind)), ramp).corners[[0, -1]]
     assert (low[0], high[0]) == (1.5, 7.5)
     # a float32 just above a value of the surface, which is rounded to it
     near = np.float32(0.1) * np.where(np.arange(12) > 5, 1, -1) * np.ones((6, 8, 1), np.float32)
     surface = sg.Transfer([(0.0, 0.0)], iso="0.1")
-    ends = [Opaque(sg.Volume(near.astype(each)), surface).corners for each in ("float32", "float64")]
+    ends = [OpaqueBounds(sg.Volume(near.astype(each)), surface).corners for each in ("float32", "float64")]
     assert np.array_equal(*ends)
     assert ends[0][0, 0] == 4.5
 

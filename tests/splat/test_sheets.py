@@ -96,7 +96,7 @@ def test_the_picture_is_its_twin(
 ) -> None:
     splats = matter(grid)
     camera = eyes(splats)[view]
-    settings = EXACT.but(sheets=count, technique=technique, **changes)
+    settings = EXACT.replace(sheets=count, technique=technique, **changes)
     chosen = renderer.plan(splats, camera, settings)
     assert chosen.resolved.sheets is not None and chosen.program.technique == technique
     assert chosen.program.seen.antialias or "far" not in view
@@ -108,10 +108,10 @@ def test_the_picture_is_its_twin(
 def test_pictures_of_light_and_of_widened_splats_are_their_twins(renderer: sg.Renderer, technique: Technique) -> None:
     """In perspective, widening is exact up to 1/z_k²: as far off as splats that composite one by one."""
     lit = matter("sheared", shading=True)
-    assert apart(renderer, lit, views(lit)["fitted"], EXACT.but(sheets=2, technique=technique)) < 4e-6
+    assert apart(renderer, lit, views(lit)["fitted"], EXACT.replace(sheets=2, technique=technique)) < 4e-6
     splats = matter()
-    settings = EXACT.but(sheets=3, technique=technique)
-    one_by_one = apart(renderer, splats, views(splats)["far"], settings.but(compositing="splats"))
+    settings = EXACT.replace(sheets=3, technique=technique)
+    one_by_one = apart(renderer, splats, views(splats)["far"], settings.replace(compositing="splats"))
     assert apart(renderer, splats, views(splats)["far"], settings) < min(1.2 * one_by_one, 2e-3)
 
 
@@ -160,7 +160,7 @@ def test_tiles_end_where_almost_no_light_passes(processor: sg.Renderer, monkeypa
     splats = matter(size=14, opacity=0.99)
     camera = views(splats)["fitted"]
     settings = sg.Settings(compositing="sheets", sheets=3)
-    whole = processor.render(splats, camera, settings.but(occlusion="off"), verify_bound=False).pixels
+    whole = processor.render(splats, camera, settings.replace(occlusion="off"), verify_bound=False).pixels
     cutoff = processor.plan(splats, camera, settings).hiding.cutoff
     listed: list[int] = []
     count = tiles.Lister.count
@@ -198,7 +198,7 @@ def test_quads_leave_out_sheets_without_splats(
     places = np.array([[0, 0, 0], [12, 3, 1], [12, 9, 5], [13, 9, 5], [40, -8, -4]])
     points = (places[:, None] + rng.normal(size=(5, 9, 3)) * [[[1]], [[0]], [[1.5]], [[0.1]], [[1]]]).reshape(-1, 3)
     splats = sg.Splats.from_points(points, rng.random((45, 3)), rng.uniform(0.05, 0.8, 45))
-    settings = EXACT.but(sheets=count, technique="quads", antialias="off")
+    settings = EXACT.replace(sheets=count, technique="quads", antialias="off")
     sheets: list[int] = []
     close = SheetQuads.close
 
@@ -222,7 +222,7 @@ def test_quads_leave_out_sheets_without_splats(
 def test_the_order_of_quads_is_kept_while_the_eye_stays(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another field of view, size or direction needs no other order; another eye does, and so do other splats."""
     splats, camera = matter(), views(matter())["fitted"]
-    settings = EXACT.but(technique="quads")
+    settings = EXACT.replace(technique="quads")
     sorted_: list[int] = []
     sort = quads.sort_by_number
     monkeypatch.setattr(quads, "sort_by_number", lambda *given: (sorted_.append(1), sort(*given))[1])
@@ -263,7 +263,7 @@ def test_sheets_are_nearer_to_the_ray_integral(name: str) -> None:
         off = sg.reference.render(splats, camera, settings).pixels - truth
         return float(np.sqrt((off**2).mean()))
 
-    found = [missed(settings.but(compositing="sheets", sheets=count)) for count in COUNTS]
+    found = [missed(settings.replace(compositing="sheets", sheets=count)) for count in COUNTS]
     one_by_one = missed(settings)
     assert one_by_one > 10 * found[1] and one_by_one > 4 * found[0] and found[0] > found[1] > found[2]
     # no other thickness is much nearer
@@ -282,7 +282,7 @@ def test_nothing_pops_where_the_order_s_axis_changes(renderer: sg.Renderer, name
         return float(np.abs(np.subtract(*[renderer.render(splats, side, settings).pixels for side in sides])).max())
 
     assert change(settings) > 0.02
-    assert change(settings.but(compositing="sheets", sheets=3)) <= moved + 0.003
+    assert change(settings.replace(compositing="sheets", sheets=3)) <= moved + 0.003
 
 
 @pytest.mark.long
@@ -345,12 +345,12 @@ def test_the_tolerance_chooses_the_sheets() -> None:
     splats = matter()
     camera = views(splats)["fitted"]
     for tolerance, count in ((0.1, 2), (4e-3, 3), (1e-5, 3)):
-        chosen = sg.plan(splats, camera, EXACT.but(tolerance=tolerance), tiles=True).resolved.sheets
+        chosen = sg.plan(splats, camera, EXACT.replace(tolerance=tolerance), tiles=True).resolved.sheets
         assert chosen is not None and (chosen.count, chosen.steps) == (count, 0)
-    assert "share a splat, classified before" in sg.plan(splats, camera, EXACT.but(sheets=4), tiles=True).explain()
+    assert "share a splat, classified before" in sg.plan(splats, camera, EXACT.replace(sheets=4), tiles=True).explain()
     # sums and maxima know no order
     for blend in ("xray", "mip"):
-        assert sg.plan(splats, camera, EXACT.but(blend=blend), tiles=True).resolved.sheets is None
+        assert sg.plan(splats, camera, EXACT.replace(blend=blend), tiles=True).resolved.sheets is None
 
 
 @pytest.mark.parametrize(
@@ -367,7 +367,7 @@ def test_the_tolerance_chooses_the_sheets() -> None:
 def test_what_sheets_cannot_draw_is_told(changes: dict[str, Any], said: str) -> None:
     splats = matter()
     with pytest.raises(sg.InputError, match=said) as error:
-        sg.plan(splats, views(splats)["fitted"], EXACT.but(**changes), tiles=True)
+        sg.plan(splats, views(splats)["fitted"], EXACT.replace(**changes), tiles=True)
     assert "\n" not in str(error.value)
 
 

@@ -12,7 +12,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.scene.scene_file import SceneFile
 from splatgl.transfer.presets import PRESETS, preset
-from splatgl.transfer.statistics import Far, far_of, without_far_values
+from splatgl.transfer.statistics import OutlierValues, outliers_of, without_outlier_values
 from splatgl.viewer.document import Document
 from splatgl.viewer.thumbnails import reduce_volume
 
@@ -54,14 +54,14 @@ def test_a_background_that_stands_for_no_value_is_left_out(fill: float, kind: st
     image = sg.render(samples, size=(32, 32))
     assert any("far from all other values, are left out: --values amounts" in note for note in image.notes)
     assert np.array_equal(image.pixels, pixels(missing))
-    assert len(far_of(sg.Volume(samples).of_values("amounts")).fills) == 0
+    assert len(outliers_of(sg.Volume(samples).of_values("amounts")).fills) == 0
 
 
 def test_two_numbers_for_no_value_are_left_out() -> None:
     samples = np.where(OUTSIDE, -1e30, field().astype(np.float64))
     samples[RADIUS < 3] = 1e30
-    assert far_of(sg.Volume(samples)).fills == (-1e30, 1e30)
-    assert far_of(sg.Volume(np.where(OUTSIDE, np.where(Z > 0, -9999, -32768), head()))).fills == (-32768, -9999)
+    assert outliers_of(sg.Volume(samples)).fills == (-1e30, 1e30)
+    assert outliers_of(sg.Volume(np.where(OUTSIDE, np.where(Z > 0, -9999, -32768), head()))).fills == (-32768, -9999)
 
 
 def scattered(samples: np.ndarray, share: float, value: float) -> np.ndarray:
@@ -127,7 +127,7 @@ USUAL: dict[str, Callable[[], np.ndarray]] = {
 
 @pytest.mark.parametrize("name", USUAL)
 def test_usual_values_are_not_taken_for_others(name: str) -> None:
-    assert far_of(sg.Volume(np.asarray(USUAL[name]()))) == Far()
+    assert outliers_of(sg.Volume(np.asarray(USUAL[name]()))) == OutlierValues()
 
 
 def test_files_and_every_front_end_leave_them_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -146,7 +146,7 @@ def test_files_and_every_front_end_leave_them_out(tmp_path: Path, capsys: pytest
 def test_each_channel_leaves_out_its_own() -> None:
     bad, good = np.where(OUTSIDE, -9999, head()), head()[::-1]
     parts = tuple(sg.Volume(each, name=name) for each, name in ((bad, "red"), (good, "blue")))
-    volume = without_far_values(sg.Volume(bad, channels=parts))
+    volume = without_outlier_values(sg.Volume(bad, channels=parts))
     assert [each.name for each in volume.channels] == ["red", "blue"] and volume.channels[1].samples is good
     assert np.isnan(volume.samples).sum() == np.isnan(volume.channels[0].samples).sum() == OUTSIDE.sum()
     assert len(volume.notes) == 1 and volume.notes[0].startswith("red: voxels of -9999")
@@ -172,7 +172,7 @@ def test_peaks_stay() -> None:
     for sigma in np.linspace(1.0, 6.0, 51):
         from_voxel = (X - 0.5) ** 2 + (Y - 0.5) ** 2 + (Z + 0.5) ** 2
         peak = 200 * np.exp(-from_voxel / (2 * sigma**2)) + 9 * (RADIUS < 9)
-        assert far_of(sg.Volume(peak.astype(np.float32))) == Far(), sigma
+        assert outliers_of(sg.Volume(peak.astype(np.float32))) == OutlierValues(), sigma
 
 
 def test_lone_voxels_of_an_object_stay() -> None:
@@ -182,4 +182,4 @@ def test_lone_voxels_of_an_object_stay() -> None:
     for values, is_far in ((rng.uniform(4, 10, 20), False), (255.0, True), (1e4, True)):
         samples = np.asarray(field(), np.float64)
         samples.flat[places] = values
-        assert (far_of(sg.Volume(samples)) != Far()) == is_far, values
+        assert (outliers_of(sg.Volume(samples)) != OutlierValues()) == is_far, values

@@ -45,7 +45,7 @@ def alpha_of(renderer: sg.Renderer, volume: sg.Volume, regions: Any, **changes: 
     ray = sg.Camera.orthographic((11.3, 10.7, -9), (11.3, 10.7, 0), (0, 1, 0), 0.5, (1, 1))
     transfer = sg.Transfer(regions=regions, unit=2.0, shading=False)
     splats = sg.extract(volume, transfer, classification=changes.pop("classification", "post"))
-    return renderer.render(splats, ray, EXACT.but(**changes)).pixels[0, 0]
+    return renderer.render(splats, ray, EXACT.replace(**changes)).pixels[0, 0]
 
 
 @pytest.mark.parametrize("text", [*SOME, "triangle:0.3,0.8,0.05,0.4", "image", "box:0.4,inf,0.05,inf"])
@@ -78,7 +78,7 @@ def test_a_ramp_has_one_gradient(renderer: sg.Renderer, technique: Technique) ->
     assert np.abs(pixel - (1 - 0.9 ** (length / 2)) * np.array([1, 0, 0, 1])).max() < 2e-4
     plain = sg.Transfer([(3, 0), (3, 0.1), (7, 0.1), (7, 0)], "#ff0000", unit=2.0, shading=False)
     camera = sg.Camera.orbit(volume, 30, 20, size=(24, 24))
-    settings = EXACT.but(technique=technique)
+    settings = EXACT.replace(technique=technique)
     # beside the ends of the volume gradients are halved; a step of points is a ramp in a cell of their table
     inner = "box:3,7,0.1,0.3:#ff0000:0.1"
     pictures = [
@@ -112,7 +112,7 @@ def test_a_shell_of_known_gradients(renderer: sg.Renderer, technique: Technique)
     transfer = sg.Transfer(regions=[f"box:-inf,inf,{low},{high}:#ffffff:0.2"], unit=unit, shading=False)
     splats = sg.extract(sg.Volume(radius2 / 2), transfer, classification="post")
     camera = sg.Camera.orthographic((middle, middle, -9), (middle, middle, 0), (0, 1, 0), 20, (40, 40))
-    alpha = renderer.render(splats, camera, EXACT.but(technique=technique)).pixels[..., 3]
+    alpha = renderer.render(splats, camera, EXACT.replace(technique=technique)).pixels[..., 3]
     x = (np.arange(40) + 0.5) / 2 - 10
     apart = np.hypot(*np.meshgrid(x, x))
     chords = [2 * np.sqrt(np.maximum(r * r - apart**2, 0)) for r in (low, high)]
@@ -142,7 +142,7 @@ def test_the_picture_is_its_twin(
     own = {name: changes[name] for name in ("points", "gradient") if name in changes}
     splats = matter([*SOME, f"image:0.2,0.9,0.01,0.3:{painting}:0.9"], grid, **own)
     camera = inside(splats, (0.3, 0.9, -0.3)) if view == "inside" else views(splats)[view]
-    settings = EXACT.but(technique=technique, **{name: changes[name] for name in changes.keys() - own.keys()})
+    settings = EXACT.replace(technique=technique, **{name: changes[name] for name in changes.keys() - own.keys()})
     found = renderer.render(splats, camera, settings, verify_bound=False)
     right = sg.reference.render(splats, camera, settings).pixels
     assert found.info["technique"] == technique and right[..., 3].max() > 0.1
@@ -152,7 +152,7 @@ def test_the_picture_is_its_twin(
 def test_both_shapes_draw_the_same(processor: sg.Renderer, card: sg.Renderer, painting: str) -> None:
     splats = matter([*SOME, f"image:0.2,0.9,0.01,0.3:{painting}:0.9"])
     camera = views(splats)["fitted"]
-    both = [one.render(splats, camera, EXACT.but(technique="tiles")).pixels for one in (processor, card)]
+    both = [one.render(splats, camera, EXACT.replace(technique="tiles")).pixels for one in (processor, card)]
     assert both[0].any() and np.abs(both[0] - both[1]).max() < 2e-5
 
 
@@ -206,7 +206,7 @@ def test_regions_are_lit_as_points(renderer: sg.Renderer, technique: Technique, 
     }
     how = "pre" if cut == "classified before" else "post"
     pictures = {
-        name: renderer.render(sg.extract(volume, look, classification=how), camera, EXACT.but(technique=technique))
+        name: renderer.render(sg.extract(volume, look, classification=how), camera, EXACT.replace(technique=technique))
         for name, look in looks.items()
     }
     right = pictures.pop("points").pixels

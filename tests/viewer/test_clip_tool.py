@@ -25,7 +25,7 @@ from splatgl.viewer.commands import add_plane
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import find_matter
 from splatgl.viewer.saving import save_scene
-from splatgl.viewer.state import WHOLE, Cuts, History, State
+from splatgl.viewer.state import WHOLE, ClipState, History, State
 from splatgl.viewer.trackball import nearest_on_line, pixel_ray, project, project_segment
 from tests.helpers.commands import acted
 
@@ -84,16 +84,16 @@ def test_the_nearest_of_a_line_is_under_the_cursor(camera: sg.Camera) -> None:
 
 def test_sides_are_those_of_crop() -> None:
     volume = sheared()
-    found = Cuts(((0.25, 1.0), (0.0, 0.5), (0.2, 0.8))).clip(volume)
+    found = ClipState(((0.25, 1.0), (0.0, 0.5), (0.2, 0.8))).clip(volume)
     assert np.allclose(found, crop_planes("2:,:3,1:4", volume))
-    back = Cuts.of(found, volume)
+    back = ClipState.from_planes(found, volume)
     assert not back.planes and np.allclose(back.sides, [(0.25, 1.0), (0.0, 0.5), (0.2, 0.8)])
 
 
 def test_other_planes_stay_planes() -> None:
     volume = sheared()
     oblique = sg.Settings(clip=[(1.0, 2.0, 0.5, 3.0)]).clip
-    cuts = Cuts.of((*oblique, *crop_planes("2:,:,:", volume)), volume)
+    cuts = ClipState.from_planes((*oblique, *crop_planes("2:,:,:", volume)), volume)
     assert cuts.planes == oblique and cuts.sides[0][0] == pytest.approx(0.25)
     assert replace(cuts, active=False).clip(volume) == ()
 
@@ -110,17 +110,17 @@ def test_unit_normals_are_kept_bit_for_bit() -> None:
 def test_a_side_follows_the_cursor(camera: sg.Camera, axis: int, end: int) -> None:
     """The handle of a face stays under the cursor while it moves along its axis, to whole voxels."""
     volume = sheared()
-    (handle,) = [each for each in handles(Cuts(), volume) if (each.number, each.end) == (axis, end)]
+    (handle,) = [each for each in handles(ClipState(), volume) if (each.number, each.end) == (axis, end)]
     voxels = 2 if end == 0 else -2
     aim = handle.point + voxels * volume.world_from_index[:, axis]
     start, stop = project(camera, np.array([handle.point, aim]))
-    assert handle_at(handles(Cuts(), volume), camera, tuple(start + 2.0)) is not None
-    cuts = HandleDrag(handle, tuple(start), Cuts()).to(volume, camera, tuple(stop))
+    assert handle_at(handles(ClipState(), volume), camera, tuple(start + 2.0)) is not None
+    cuts = HandleDrag(handle, tuple(start), ClipState()).to(volume, camera, tuple(stop))
     assert cuts.sides[axis][end] == pytest.approx(end + voxels / volume.shape[2 - axis])
     (moved,) = [each for each in handles(cuts, volume) if (each.number, each.end) == (axis, end)]
     assert np.allclose(moved.point, aim)
     # never beyond the other side
-    far = HandleDrag(handle, tuple(start), Cuts()).to(volume, camera, tuple(start + 50 * (stop - start)))
+    far = HandleDrag(handle, tuple(start), ClipState()).to(volume, camera, tuple(start + 50 * (stop - start)))
     assert far.sides[axis][0] < far.sides[axis][1]
 
 
@@ -128,7 +128,7 @@ def test_a_side_follows_the_cursor(camera: sg.Camera, axis: int, end: int) -> No
 def test_a_plane_follows_the_cursor(camera: sg.Camera) -> None:
     volume = sheared()
     normal = np.array([0.6, 0.0, 0.8])
-    cuts = Cuts().with_plane(0, (*normal, float(normal @ volume.center)))
+    cuts = ClipState().with_plane(0, (*normal, float(normal @ volume.center)))
     foot = next(each for each in handles(cuts, volume) if each.what == "plane")
     start, stop = project(camera, np.array([foot.point, foot.point + 1.25 * normal]))
     moved = HandleDrag(foot, tuple(start), cuts).to(volume, camera, tuple(stop))
@@ -138,7 +138,7 @@ def test_a_plane_follows_the_cursor(camera: sg.Camera) -> None:
     axis = camera.forward
     for _ in range(30):
         # along the ray to its own foot
-        away = Cuts().with_plane(0, (*axis, float(axis @ volume.center)))
+        away = ClipState().with_plane(0, (*axis, float(axis @ volume.center)))
         foot = next(each for each in handles(away, volume) if each.what == "plane")
         if camera.perspective:
             axis = (foot.point - camera.eye) / np.linalg.norm(foot.point - camera.eye)
@@ -153,7 +153,7 @@ def test_a_plane_follows_the_cursor(camera: sg.Camera) -> None:
 def test_an_arrow_points_where_its_tip_is_dragged(camera: sg.Camera) -> None:
     volume = sheared()
     normal = np.array([0.6, -0.64, 0.48])
-    cuts = Cuts().with_plane(0, (*normal, float(normal @ volume.center)))
+    cuts = ClipState().with_plane(0, (*normal, float(normal @ volume.center)))
     foot, tip = (next(each for each in handles(cuts, volume) if each.what == what) for what in ("plane", "tilt"))
     wanted = np.array([0.7, -0.7, 0.1]) / np.linalg.norm([0.7, -0.7, 0.1])
     start, stop = project(camera, np.array([tip.point, foot.point + np.linalg.norm(tip.point - foot.point) * wanted]))
@@ -170,15 +170,15 @@ def test_beside_the_sphere_is_its_rim() -> None:
 
 def test_planes_cut_the_box_in_polygons() -> None:
     volume = sg.Volume(np.zeros((4, 4, 4), np.float32))
-    square = outline(Cuts(), volume, (0.0, 0.0, 1.0, 1.0))
+    square = outline(ClipState(), volume, (0.0, 0.0, 1.0, 1.0))
     assert np.allclose(sorted(map(tuple, square)), [(-0.5, -0.5, 1), (-0.5, 3.5, 1), (3.5, -0.5, 1), (3.5, 3.5, 1)])
     # in order around: no edge is a diagonal
     assert np.allclose(np.linalg.norm(square - np.roll(square, 1, axis=0), axis=1), 4.0)
     unit = np.full(3, 1 / np.sqrt(3))
-    assert len(outline(Cuts(), volume, (*unit, float(unit @ [1.5, 1.5, 1.5])))) == 6
-    assert len(outline(Cuts(), volume, (0.0, 0.0, 1.0, 9.0))) == 0
+    assert len(outline(ClipState(), volume, (*unit, float(unit @ [1.5, 1.5, 1.5])))) == 6
+    assert len(outline(ClipState(), volume, (0.0, 0.0, 1.0, 9.0))) == 0
     # the handle of one that misses it is where it is nearest to the box's middle
-    assert np.allclose(plane_middle(Cuts(planes=((0.0, 0.0, 1.0, 9.0),)), volume, 0), (1.5, 1.5, 9.0))
+    assert np.allclose(plane_middle(ClipState(planes=((0.0, 0.0, 1.0, 9.0),)), volume, 0), (1.5, 1.5, 9.0))
 
 
 def test_keys_cut_and_undo(document: Document) -> None:
@@ -228,7 +228,7 @@ def test_what_is_cut_off_is_not_picked(document: Document) -> None:
 def test_cuts_are_saved(renderer: sg.Renderer, document: Document, tmp_path: Path, classification: str) -> None:
     """`splatgl render` of the saved scene gives the same picture, bit for bit, also after it was opened again."""
     state = State.of(document, SIZE)
-    state = replace(state, settings=state.settings.but(classification=classification))
+    state = replace(state, settings=state.settings.replace(classification=classification))
     whole = renderer.render(
         document.for_settings(state.settings).layers[0].at(1), state.pose.camera, state.settings
     ).pixels

@@ -11,7 +11,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.animation.animation import Animation, Timeline
-from splatgl.animation.camera_track import Turning, keyframes
+from splatgl.animation.camera_track import TurntableTrack, keyframes
 from splatgl.geometry.scissors import Scissors
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
@@ -63,7 +63,7 @@ def test_every_door_has_one_default_view(kind: str, fit: str, tmp_path: Path, mo
     for moves in ({"turntable": 0.0}, {"keyframes": {"keyframe": rows}}, {"turntable": 180.0}):
         movie = Animation.of([file], Timeline(frames=2, **moves), None, 8, is_quiet=True)  # type: ignore[arg-type]
         assert moves == {"turntable": 180.0} or same(movie.view(0).camera, camera), moves
-        if isinstance(movie.track, Turning):
+        if isinstance(movie.track, TurntableTrack):
             assert np.allclose(movie.track.turn.center, document.middle) and np.allclose(pose.pivot, document.middle)
     # a standard view is that of a picture
     azimuth, elevation = angles("isometric", None)

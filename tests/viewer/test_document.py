@@ -11,7 +11,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.errors import Choice, InputError
+from splatgl.errors import InputError, MissingOption
 from splatgl.scene.meshes import MeshFile, read_meshes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
@@ -255,7 +255,7 @@ def test_opacities_of_layers_are_those_of_stills(folder: Path) -> None:
 
 
 def test_blends_without_an_order_draw_no_meshes(state: State, document: Document) -> None:
-    assert why_not(state.settings.but(blend="mip"), state, document)
+    assert why_not(state.settings.replace(blend="mip"), state, document)
     assert acted(state, "blend", document).settings.blend == "composite"
 
 
@@ -312,7 +312,7 @@ def test_one_of_several_arrays(folder: Path) -> None:
         file["/a"], file["/group/b"] = blob(8).samples, blob(12).samples
     np.savez(folder / "many.npz", first=blob(8).samples, second=blob(10).samples)
     for name, names in (("many.h5", ["/a", "/group/b"]), ("many.npz", ["first", "second"])):
-        with pytest.raises(Choice):
+        with pytest.raises(MissingOption):
             Document.open(SceneFile(str(folder / name)))
         document, (pick,) = open_document(SceneFile(str(folder / name)))
         assert pick.option == "array" and [value for value, _ in pick.values] == names

@@ -12,7 +12,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.viewer.files import MOST_RECENT, Arrangement, Recent
+from splatgl.viewer.files import MOST_RECENT, Recent, WindowLayout
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, pointed
 
@@ -68,15 +68,15 @@ def test_recent_files_need_no_folder(tmp_path: Path) -> None:
 def test_the_arrangement_of_the_window_is_kept(tmp_path: Path) -> None:
     """Anything but what a window may have stored is left out."""
     environment = {"XDG_STATE_HOME": str(tmp_path)}
-    assert Arrangement.of(environment) == Arrangement()
-    left = Arrangement((900, 700), False, True, "light")
+    assert WindowLayout.of(environment) == WindowLayout()
+    left = WindowLayout((900, 700), False, True, "light")
     left.remember(environment)
-    assert Arrangement.of(environment) == left
+    assert WindowLayout.of(environment) == left
     left.remember({**environment, "SPLATGL_RECENT": "off", "XDG_STATE_HOME": str(tmp_path / "off")})
     assert [path.name for path in tmp_path.iterdir()] == ["splatgl"]
     for text in ("", "[1]", '{"size": [0, 700], "panel": 3, "theme": null, "other": 1}', '{"size": [true, 700]}'):
         (tmp_path / "splatgl" / "window.json").write_text(text)
-        assert Arrangement.of(environment) == Arrangement()
+        assert WindowLayout.of(environment) == WindowLayout()
 
 
 # --- driven -------------------------------------------------------------------------------------------------------
@@ -137,7 +137,7 @@ def test_the_desktop_s_dialog(folder: Path) -> None:
     assert window.key("q")["closed"]
     window.end()
     # how the window stood is kept for the next one
-    assert Arrangement.of(environment).size == (240, 180)
+    assert WindowLayout.of(environment).size == (240, 180)
 
 
 @pytest.mark.long

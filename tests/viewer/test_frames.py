@@ -22,7 +22,7 @@ from splatgl.viewer import layer_splats
 from splatgl.viewer.adaptive_quality import StandIn
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
-from splatgl.viewer.loading import Added, Files
+from splatgl.viewer.loading import AddedFiles, Files
 from splatgl.viewer.measure_tool import under_cursor
 from splatgl.viewer.saving import scene_of
 from splatgl.viewer.segments import segment_corners
@@ -209,7 +209,7 @@ def test_added_layers_stand_where_render_draws_them(folder: Path, renderer: sg.R
     files.add([other.volume], scene)
     assert files.jobs.wait(60)
     (done,) = files.jobs.collect()
-    assert isinstance(done.value, Added)
+    assert isinstance(done.value, AddedFiles)
     state, document = done.value.added_to(State.of(document, SIZE), document)
     document = document.with_styles(state.styles, state.mesh_files, state.settings)
     camera = state.pose.camera

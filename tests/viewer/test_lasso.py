@@ -14,11 +14,11 @@ from splatgl.viewer.clip_tool import BAD, NO_VOLUME, LassoTool, lasso_strokes
 from splatgl.viewer.document import Document
 from splatgl.viewer.saving import save_scene
 from splatgl.viewer.state import History, State
-from splatgl.viewer.trackball import Pointer, View
+from splatgl.viewer.trackball import Pointer, Viewport
 from tests.helpers.commands import acted
 
 SIZE = (64, 48)
-VIEW = View(SIZE)
+VIEW = Viewport(SIZE)
 # around the right half
 RIGHT = ((32.0, -5.0), (70.0, -5.0), (70.0, 55.0), (32.0, 55.0), (33.0, 54.0))
 

@@ -16,7 +16,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.commands import Copy, Open, ask_for_files, with_settings
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
-from splatgl.viewer.loading import Added, Files
+from splatgl.viewer.loading import AddedFiles, Files
 from splatgl.viewer.saving import copy_text, save_scene, scene_of, source_files
 from splatgl.viewer.state import History, State, stated_transfers
 from tests.helpers.blobs import blob
@@ -45,7 +45,7 @@ def document(folder: Path) -> Document:
     return Document.open(SceneFile(str(folder / "blob.npy"), settings=sg.Settings(antialias="off")))
 
 
-def read(document: Document, folder: Path, names: Sequence[str]) -> Added:
+def read(document: Document, folder: Path, names: Sequence[str]) -> AddedFiles:
     """What is read to be added to a document."""
     files = Files(Jobs(lambda: None), (), None, 0.0)
     files.add([str(folder / name) for name in names], document.scene)
@@ -53,7 +53,7 @@ def read(document: Document, folder: Path, names: Sequence[str]) -> Added:
     (done,) = files.jobs.collect()
     if done.error is not None:
         raise done.error
-    assert isinstance(done.value, Added)
+    assert isinstance(done.value, AddedFiles)
     return done.value
 
 
@@ -77,14 +77,14 @@ def test_added_layers_are_undone_and_redone(document: Document, folder: Path) ->
     history.note(state)
     drawn = shown(state, document)
     assert drawn.names == ("blob", "other", "seg") and len(drawn.meshes) == 1 and state.selected == 1
-    assert drawn.layers[0].made and "other, seg, m.off" in state.message
+    assert drawn.layers[0].by_stride and "other, seg, m.off" in state.message
     assert {style.number for style in state.styles} == {0, -1, -2}
     back = history.undo(state)
     assert shown(back, drawn).names == ("blob",) and not shown(back, drawn).meshes
     again = shown(history.redo(back), shown(back, drawn))
     # what was extracted is kept; the first layer is faint under segments
     assert again.names == drawn.names and all(a is b for a, b in zip(again.layers[1:], drawn.layers[1:], strict=True))
-    assert again.layers[0].made.keys() == drawn.layers[0].made.keys() and back.styles[0].opacity == 1.0
+    assert again.layers[0].by_stride.keys() == drawn.layers[0].by_stride.keys() and back.styles[0].opacity == 1.0
     assert again.styles[0].opacity < 0.2 and "blob is faint" in state.message
     # overwriting what undo restores is refused
     assert str(folder / "seg.nrrd") in source_files(shown(back, drawn))
@@ -104,7 +104,7 @@ def test_bad_files_add_nothing(document: Document, folder: Path) -> None:
 def test_more_layers_than_a_picture_has_are_hidden(document: Document, folder: Path) -> None:
     state = started(document)
     part = read(document, folder, ["other.npy"]).parts[0]
-    state, document = Added((part,) * 8, (), {}).added_to(state, document)
+    state, document = AddedFiles((part,) * 8, (), {}).added_to(state, document)
     assert [style.visible for style in state.styles] == [True] * 8 + [False] and "8 layers at most" in state.message
     assert len(shown(state, document).drawn_layers) == 8
 
@@ -205,8 +205,8 @@ def test_channels_keep_full_light_in_the_blend_that_is_chosen(tmp_path: Path, re
     scene = SceneFile(str(tmp_path / "a.zarr"), load={"channel": "all"})
     document = Document.open(scene, quiet=True)
     state = State.of(document, (48, 40))
-    shown = with_settings(state, document, state.settings.but(blend="mip"))
-    opened = Document.open(replace(scene, settings=state.settings.but(blend="mip")), quiet=True)
+    shown = with_settings(state, document, state.settings.replace(blend="mip"))
+    opened = Document.open(replace(scene, settings=state.settings.replace(blend="mip")), quiet=True)
     for style, right in zip(shown.styles, opened.styles, strict=True):
         assert np.allclose(style.base.points, right.base.points) and style.base.colormap == right.base.colormap
     back = with_settings(shown, document, state.settings)

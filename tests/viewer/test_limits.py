@@ -28,7 +28,7 @@ from splatgl.viewer.adaptive_quality import FULL, STRIDES, IdleTrim
 from splatgl.viewer.commands import Copy
 from splatgl.viewer.document import Document
 from splatgl.viewer.frame_renderer import FrameRenderer
-from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
+from splatgl.viewer.jobs import Extractor, FinishedJob, JobKind, Jobs
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.reference_view import Reference
 from splatgl.viewer.saving import copy_text, render_scene, save_as, save_picture, save_scene, scene_of, try_save
@@ -54,7 +54,7 @@ def test_no_memory_is_said(document: Document, tmp_path: Path) -> None:
     for save in (save_picture, save_scene):
         assert try_save(partial(save, state, document, no_memory, tmp_path)) == ("not enough memory", False)
     assert try_save(partial(save_as, state, document, no_memory, tmp_path / "a.png"))[0] == "not enough memory"
-    done = Done(Kind.REFERENCE, error=MemoryError())
+    done = FinishedJob(JobKind.REFERENCE, error=MemoryError())
     reference = Reference(cast(Any, SimpleNamespace(collect=lambda: [done])))
     assert reference.collect() and reference.note == "no reference: not enough memory"
     assert sorted(os.listdir(tmp_path)) == ["blob.npy"]
@@ -140,7 +140,7 @@ def test_hidden_parts_are_not_extracted(renderer: sg.Renderer, tmp_path: Path) -
     assert 1 in document.extracted
     screen = SimpleNamespace(put=lambda name, pixels: None)
     frame = FrameRenderer(cast(Any, screen), renderer, ()).draw(state, document, FULL, False, lambda: False)
-    assert 1 not in document.layers[0].made and 1 in document.layers[1].shells and frame.hidden == 0
+    assert 1 not in document.layers[0].by_stride and 1 in document.layers[1].shells and frame.hidden == 0
     # what is told is of what is drawn
     told = " ".join(hud.full_lines(state, document, frame, None))
     assert f"{len(document.layers[1].finest):,} of {40**3:,} voxels" in told

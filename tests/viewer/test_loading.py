@@ -17,11 +17,11 @@ from splatgl.scene.meshes import MeshFile, read_meshes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES, Refiner
-from splatgl.viewer.commands import Leave, Open, OpenOption, Request, ask_to_leave
+from splatgl.viewer.commands import LeaveDocument, Open, OpenOption, WindowRequest, ask_to_leave
 from splatgl.viewer.document import Document
 from splatgl.viewer.files import Recent, Watch
-from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
-from splatgl.viewer.loading import Added, Files, Loaded, Opened, open_document
+from splatgl.viewer.jobs import Extractor, FinishedJob, JobKind, Jobs
+from splatgl.viewer.loading import AddedFiles, Files, Loaded, OpenedFile, open_document
 from splatgl.viewer.state import History, State, stated_transfers
 from splatgl.viewer.viewer import CHANGED, LEAVING, Options, Viewer
 from tests.helpers.blobs import LONGEST, SIZE, blob
@@ -70,7 +70,7 @@ class WithoutWindow(Viewer):
         self.state = replace(self.state, message=message)
 
 
-def all_done(found: Files) -> list[Done]:
+def all_done(found: Files) -> list[FinishedJob]:
     assert found.jobs.wait(LONGEST)
     return found.jobs.collect()
 
@@ -79,7 +79,7 @@ def test_what_waits_is_replaced_by_its_kind_alone(folder: Path) -> None:
     """A file and a mesh that are dropped while finer voxels are read are both read after these, the file's newest."""
     pytest.importorskip("trimesh")
     found, gate = files(), threading.Event()
-    found._read(Kind.REFINE, "reading finer voxels", lambda: cast(Loaded, gate.wait(LONGEST)))
+    found._read(JobKind.REFINE, "reading finer voxels", lambda: cast(Loaded, gate.wait(LONGEST)))
     for name in ("a.npy", "b.npy", "m.off"):
         found.open([str(folder / name)], Settings())
     assert [name for _, name in found.jobs.all] == [
@@ -89,7 +89,7 @@ def test_what_waits_is_replaced_by_its_kind_alone(folder: Path) -> None:
     ] and found.opening == "b.npy"
     gate.set()
     done = all_done(found)
-    assert [each.error for each in done] == [None] * 3 and isinstance(done[2].value, Added)
+    assert [each.error for each in done] == [None] * 3 and isinstance(done[2].value, AddedFiles)
     for each in done:
         found.finish(each.kind)
     assert found.opening == ""
@@ -101,14 +101,14 @@ def test_meshes_stay_with_what_is_read_meanwhile(folder: Path) -> None:
     document = Document.open(SceneFile(str(folder / "a.npy")))
     mesh = MeshFile(str(folder / "m.off"))
     for kind, news in (
-        (Kind.REFINE, replace(document)),
-        (Kind.TIME_POINT, Document.open(SceneFile(str(folder / "b.npy")))),
-        (Kind.RELOAD, Document.open(SceneFile(str(folder / "a.npy")))),
+        (JobKind.REFINE, replace(document)),
+        (JobKind.TIME_POINT, Document.open(SceneFile(str(folder / "b.npy")))),
+        (JobKind.RELOAD, Document.open(SceneFile(str(folder / "a.npy")))),
     ):
         viewer = WithoutWindow(document, files())
-        viewer.apply(Done(Kind.ADD, Added((), (mesh,), read_meshes([mesh]))))
+        viewer.apply(FinishedJob(JobKind.ADD, AddedFiles((), (mesh,), read_meshes([mesh]))))
         assert not document.meshes
-        viewer.apply(Done(kind, (news, 1) if kind is Kind.TIME_POINT else news))
+        viewer.apply(FinishedJob(kind, (news, 1) if kind is JobKind.TIME_POINT else news))
         assert viewer.document is not document and viewer.state.mesh_files == (mesh,)
         shown = viewer.document.with_styles(viewer.state.styles, viewer.state.mesh_files, viewer.state.settings)
         assert len(shown.meshes) == 1 and shown.volume is news.volume
@@ -118,13 +118,13 @@ def test_finer_voxels_of_what_is_no_longer_shown_are_not_taken(folder: Path) -> 
     """Of another document; another file is taken whatever is shown, and an edited document stays the same."""
     shown, other = (Document.open(SceneFile(str(folder / f"{name}.npy"))) for name in "ab")
     viewer = WithoutWindow(shown, files())
-    viewer.apply(Done(Kind.REFINE, other))
+    viewer.apply(FinishedJob(JobKind.REFINE, other))
     assert viewer.document is shown
     finer = replace(shown)
     viewer.document = shown.with_styles((replace(shown.styles[0], extinction=2.0),), (), shown.scene.settings)
-    viewer.apply(Done(Kind.REFINE, finer))
+    viewer.apply(FinishedJob(JobKind.REFINE, finer))
     assert viewer.document.layers == finer.layers
-    viewer.apply(Done(Kind.RELOAD, other))
+    viewer.apply(FinishedJob(JobKind.RELOAD, other))
     assert viewer.document.scene is other.scene
 
 
@@ -177,25 +177,25 @@ def test_a_time_point_that_is_not_there_leaves_the_one_that_is_shown(folder: Pat
     found.show_time(1)
     (done,) = all_done(found)
     viewer.apply(done)
-    assert (viewer.state.time, found.time, done.kind) == (1, 1, Kind.TIME_POINT) and viewer.document.volume.shape[
+    assert (viewer.state.time, found.time, done.kind) == (1, 1, JobKind.TIME_POINT) and viewer.document.volume.shape[
         0
     ] == 20
     # one that is given up
-    viewer.state, viewer.effects, viewer.dirty = replace(viewer.state, time=0), [Request.CANCEL], 1
+    viewer.state, viewer.effects, viewer.dirty = replace(viewer.state, time=0), [WindowRequest.CANCEL], 1
     gate = threading.Event()
-    found._read(Kind.TIME_POINT, "reading time 0", lambda: cast(Loaded, gate.wait(LONGEST)))
+    found._read(JobKind.TIME_POINT, "reading time 0", lambda: cast(Loaded, gate.wait(LONGEST)))
     viewer.perform()
     gate.set()
     assert (viewer.state.time, found.jobs.busy, viewer.closed) == (1, None, False)
     # what waited for a file that is given up goes on
     layer = replace(viewer.document.layers[0], stand_in=cast(Any, SimpleNamespace(finer=lambda: None)))
-    viewer.document, viewer.effects = replace(viewer.document, pool={0: layer}), [Request.CANCEL]
+    viewer.document, viewer.effects = replace(viewer.document, pool={0: layer}), [WindowRequest.CANCEL]
     gate = threading.Event()
-    found._open("b.npy", lambda: cast(Opened, gate.wait(LONGEST)))
+    found._open("b.npy", lambda: cast(OpenedFile, gate.wait(LONGEST)))
     viewer.perform()
-    assert [kind for kind, _ in found.jobs.all] == [Kind.REFINE] or found.jobs.wait(LONGEST)
+    assert [kind for kind, _ in found.jobs.all] == [JobKind.REFINE] or found.jobs.wait(LONGEST)
     gate.set()
-    assert all_done(found)[0].kind is Kind.REFINE
+    assert all_done(found)[0].kind is JobKind.REFINE
     # time points are drawn with the buffers of those before; another file frees these
     assert not viewer.freed
     found.open([str(folder / "b.npy")], Settings())
@@ -209,7 +209,7 @@ def test_a_job_that_is_told_has_ended() -> None:
     found, seen = files(), []
     found.jobs.wake = lambda: seen.append(found.jobs.all)
     for _ in range(20):
-        found._open("b.npy", lambda: cast(Opened, None))
+        found._open("b.npy", lambda: cast(OpenedFile, None))
         (done,) = all_done(found)
         found.finish(done.kind)
         assert found.opening == ""
@@ -222,10 +222,10 @@ def test_a_failed_extraction_that_is_taken_back_is_over(folder: Path) -> None:
     for stride in STRIDES:
         document.extract(stride)
     viewer = WithoutWindow(document, files())
-    viewer.state = replace(viewer.state, settings=viewer.state.settings.but(classification="pre"))
+    viewer.state = replace(viewer.state, settings=viewer.state.settings.replace(classification="pre"))
     viewer._follow_state(False)
     assert viewer.coming is not None and viewer.extractor.jobs.wait(LONGEST)
-    viewer.coming.layers[0].made.clear()
+    viewer.coming.layers[0].by_stride.clear()
     viewer.coming.layers[0].shells.clear()
     viewer.extractor.failed, viewer.extractor.why = viewer.coming, "not enough memory"
     viewer._follow_state(False)
@@ -247,7 +247,7 @@ def test_other_channels_have_their_own_looks(folder: Path) -> None:
     viewer = WithoutWindow(documents[0], files())
     viewer.history.note(replace(viewer.state, selected=2))
     viewer.state = replace(viewer.state, selected=2)
-    viewer.apply(Done(Kind.TIME_POINT, (documents[1], 1)))
+    viewer.apply(FinishedJob(JobKind.TIME_POINT, (documents[1], 1)))
     assert len(viewer.state.styles) == 2 and viewer.state.selected == 0
     # steps of the others cannot be taken back, and nothing is lost that was edited
     assert viewer.history.undo(viewer.state).message == "nothing to undo"
@@ -258,7 +258,7 @@ def test_a_change_while_another_file_is_read_is_seen_afterwards(folder: Path) ->
     path = folder / "a.npy"
     found = files((str(path),), lambda: SceneFile(str(path)))
     gate = threading.Event()
-    found._open("b.npy", lambda: cast(Opened, gate.wait(LONGEST)))
+    found._open("b.npy", lambda: cast(OpenedFile, gate.wait(LONGEST)))
     os.utime(path, (1, 1))
     state = State.of(Document.open(SceneFile(str(path))), SIZE)
     found.check(state, 1e9)
@@ -267,7 +267,7 @@ def test_a_change_while_another_file_is_read_is_seen_afterwards(folder: Path) ->
     for each in all_done(found):
         found.finish(each.kind)
     found.check(state, 2e9)
-    assert [each.kind for each in all_done(found)] == [Kind.RELOAD]
+    assert [each.kind for each in all_done(found)] == [JobKind.RELOAD]
     # of a file that is opened, from before it is read
     found.open([str(path)], Settings())
     (done,) = all_done(found)
@@ -275,7 +275,7 @@ def test_a_change_while_another_file_is_read_is_seen_afterwards(folder: Path) ->
     found.follow(done.value)
     found.finish(done.kind)
     found.check(state, 3e9)
-    assert [each.kind for each in all_done(found)] == [Kind.RELOAD]
+    assert [each.kind for each in all_done(found)] == [JobKind.RELOAD]
 
 
 def test_another_size_is_no_step(folder: Path) -> None:
@@ -363,20 +363,20 @@ def test_without_the_panel_a_second_drop_leaves_edits(edited: WithoutWindow, fol
 def test_undo_shows_the_document_before_with_its_edits(edited: WithoutWindow, folder: Path) -> None:
     """And redo the next one, with what was done to it; a file opened instead ends that."""
     edited.history.note(edited.state)
-    edited.perform_one(Leave(Open((str(folder / "b.npy"),))))
+    edited.perform_one(LeaveDocument(Open((str(folder / "b.npy"),))))
     applied(edited)
     assert edited.document.volume.name == "b" and edited.state.style.extinction == 1.0
     edited.state = edited.state.edit(extinction=3.0)
     for _ in range(2):
-        edited.perform_one(Request.UNDO)
+        edited.perform_one(WindowRequest.UNDO)
     assert edited.document.volume.name == "a" and edited.state.style.extinction == 2.0
     assert edited.history.has_unsaved_edits(edited.state) and edited.state.message == "a is shown again"
-    edited.perform_one(Request.UNDO)
+    edited.perform_one(WindowRequest.UNDO)
     assert edited.state.style.extinction == 1.0
-    edited.perform_one(Request.UNDO)
+    edited.perform_one(WindowRequest.UNDO)
     assert edited.state.message == "nothing to undo"
     for factor, name in ((2.0, "a"), (1.0, "b"), (3.0, "b")):
-        edited.perform_one(Request.REDO)
+        edited.perform_one(WindowRequest.REDO)
         assert (edited.state.style.extinction, edited.document.volume.name) == (factor, name)
     assert edited.document.extracted
 
@@ -385,9 +385,9 @@ def test_a_document_that_takes_too_much_memory_is_not_kept(
     edited: WithoutWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("splatgl.viewer.viewer.budget", lambda: edited.document.bytes - 1)
-    edited.perform_one(Leave(Open((str(folder / "b.npy"),))))
+    edited.perform_one(LeaveDocument(Open((str(folder / "b.npy"),))))
     applied(edited)
-    edited.perform_one(Request.UNDO)
+    edited.perform_one(WindowRequest.UNDO)
     assert edited.document.volume.name == "b" and edited.state.message == "nothing to undo"
 
 
@@ -402,7 +402,7 @@ def test_a_scene_is_saved_before_another_file_is_opened(
             edited.history.mark_saved(edited.state)
 
     monkeypatch.setattr(edited, "_save", save)
-    edited.perform_one(Leave(Open((str(folder / "b.npy"),)), saves=True))
+    edited.perform_one(LeaveDocument(Open((str(folder / "b.npy"),)), saves=True))
     assert edited.files.opening == "b.npy" * is_written
     all_done(edited.files)
 
@@ -413,9 +413,9 @@ def test_a_scene_that_changes_on_disk_loses_no_edits(edited: WithoutWindow, fold
     first, same = (SceneFile(str(folder / "a.npy"), annotate=("box",), scissors=(scissors,)) for _ in range(2))
     viewer = WithoutWindow(Document.open(first), files())
     viewer.state = viewer.state.edit(extinction=2.0)
-    viewer.apply(Done(Kind.RELOAD, Document.open(same, quiet=True)))
+    viewer.apply(FinishedJob(JobKind.RELOAD, Document.open(same, quiet=True)))
     assert viewer.state.style.extinction == 2.0
-    viewer.apply(Done(Kind.RELOAD, Document.open(replace(same, threshold=0.1))))
+    viewer.apply(FinishedJob(JobKind.RELOAD, Document.open(replace(same, threshold=0.1))))
     assert viewer.state.style.extinction == 1.0 and viewer.state.message == CHANGED
-    viewer.perform_one(Request.UNDO)
+    viewer.perform_one(WindowRequest.UNDO)
     assert viewer.state.style.extinction == 2.0

@@ -22,8 +22,8 @@ from splatgl.viewer import hud, loading, viewer
 from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document
 from splatgl.viewer.input import help_rows
-from splatgl.viewer.jobs import Jobs, Kind
-from splatgl.viewer.loading import Files, Opened
+from splatgl.viewer.jobs import JobKind, Jobs
+from splatgl.viewer.loading import Files, OpenedFile
 from splatgl.viewer.state import State
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, silent
@@ -164,9 +164,9 @@ def test_a_dropped_file_is_not_replaced(folder: Path, monkeypatch: pytest.Monkey
     """
     gates = {name: threading.Event() for name in ("a/v.npy", "b/v.npy")}
 
-    def opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> Opened:
+    def opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> OpenedFile:
         assert gates[scene.volume].wait(300.0)
-        return Opened(document)
+        return OpenedFile(document)
 
     document = Document.open(SceneFile(str(folder / "blob.npy")))
     np.save(folder / "watched.npy", blob().samples)
@@ -194,7 +194,7 @@ def test_a_dropped_file_is_not_replaced(folder: Path, monkeypatch: pytest.Monkey
     os.utime(folder / "watched.npy", (2, 2))
     found.check(state, 2e9)
     assert found.opening == "" and found.jobs.wait(300.0)
-    assert [done.kind for done in found.jobs.collect()] == [Kind.RELOAD]
+    assert [done.kind for done in found.jobs.collect()] == [JobKind.RELOAD]
 
 
 @pytest.mark.long

@@ -21,7 +21,7 @@ import splatgl as sg
 from splatgl import fileio
 from splatgl.scene.api import scene_of
 from splatgl.viewer import notebook, show, thumbnails
-from splatgl.viewer.adaptive_quality import FULL, LADDER, Level
+from splatgl.viewer.adaptive_quality import FULL, LADDER, PreviewLevel
 from splatgl.viewer.document import Document
 from splatgl.viewer.notebook import STILL, Session
 
@@ -64,7 +64,7 @@ def test_the_first_frame_is_the_picture(session: Timed, volume: sg.Volume) -> No
     assert frame is not None and frame.dtype == np.uint8 and frame.shape == (64, 96, 3)
     assert (frame == sg.Image(session.image.pixels).over((0, 0, 0)).samples8()[..., :3]).all()
     # once
-    assert session.frame() is None and session.patience() is None
+    assert session.frame() is None and session.seconds_until_due() is None
 
 
 def test_previews_of_cut_volumes_have_an_inside() -> None:
@@ -74,7 +74,7 @@ def test_previews_of_cut_volumes_have_an_inside() -> None:
     options = {"clip": "z<0.5", "view": "superior", "size": (48, 48), "classification": "pre"}
     scene = scene_of(sg.Volume(near.astype(np.float32)), sg.Transfer([(0.5, 0.0), (0.6, 1.0)]), None, None, options)
     session = Session(scene)
-    session._draw(Level())
+    session._draw(PreviewLevel())
     preview = session.image.pixels
     assert len(session.document.layers[0].shell(1)) < len(session.document.layers[0].at(1))
     assert np.abs(preview - session.picture().pixels).max() < 0.2
@@ -123,14 +123,14 @@ def test_frames_are_reduced_while_it_moves_and_refined_once_still(session: Timed
     session.handle(event("pointer_move", 60, 32))
     small = session.frame()
     assert session.level != FULL and small is not None and small.shape[0] < 64
-    assert session.patience() == pytest.approx(STILL)
+    assert session.seconds_until_due() == pytest.approx(STILL)
     session.clock += STILL / 2
     assert session.frame() is None
     session.clock += STILL
     session.handle(event("pointer_up", 60, 32))
     full = session.frame()
     assert session.level == FULL == LADDER[0] and full is not None and full.shape == (64, 96, 3)
-    assert session.patience() is None
+    assert session.seconds_until_due() is None
 
 
 def test_places_are_in_css_pixels(session: Timed) -> None:
@@ -175,7 +175,7 @@ def test_the_widget(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
         await asyncio.sleep(STILL + 0.5)
 
     asyncio.run(turned())
-    assert len(drawn) >= 1 and view.session.level == FULL and view.session.patience() is None
+    assert len(drawn) >= 1 and view.session.level == FULL and view.session.seconds_until_due() is None
     assert np.array_equal(view.image.pixels, view.session.image.pixels)
     assert not np.array_equal(view.image.pixels, sg.render(volume, size=(96, 64)).pixels)
 
@@ -186,7 +186,7 @@ def test_the_camera_and_the_settings_can_be_set(volume: sg.Volume, monkeypatch: 
     monkeypatch.setattr(show, "in_notebook", lambda: True)
     view: Any = sg.show(volume, size=(48, 32))
     camera = sg.Camera.orbit(volume, 100, -20, size=(7, 7))
-    view.camera, view.settings = camera, view.settings.but(light="glossy")
+    view.camera, view.settings = camera, view.settings.replace(light="glossy")
     view.session.touched = -np.inf
     view.get_frame()
     right = sg.render(volume, camera=camera.resized((48, 32)), light="glossy")
@@ -262,7 +262,7 @@ def test_controls_change_the_view(volume: sg.Volume, monkeypatch: pytest.MonkeyP
     controls["blend"].value, controls["preset"].value = "composite", "as opened"
     assert np.array_equal(drawn(), first)
     # and back: what code sets is what the widgets show, and nothing else changes
-    view.settings = view.settings.but(blend="xray", light="glossy")
+    view.settings = view.settings.replace(blend="xray", light="glossy")
     assert (controls["blend"].value, controls["light"].value) == ("xray", "glossy")
     view.change(preset="surface", window=(-50.0, 400.0), blend="composite")
     other = {widget.description: widget for widget in view.controls.children}
@@ -277,9 +277,9 @@ def test_controls_change_the_view(volume: sg.Volume, monkeypatch: pytest.MonkeyP
 def test_the_view_needs_no_extension_of_the_server() -> None:
     """The protocol is anywidget's, whose script travels with the widget: VS Code and Colab show it, too."""
     anywidget = pytest.importorskip("anywidget", reason="jupyter_rfb brings it")
-    from splatgl.viewer.notebook import View
+    from splatgl.viewer.notebook import NotebookView
 
-    assert issubclass(View, anywidget.AnyWidget) and "export default" in View._esm
+    assert issubclass(NotebookView, anywidget.AnyWidget) and "export default" in NotebookView._esm
 
 
 @pytest.mark.long

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.geometry.slices import Painted, parse_slices
+from splatgl.geometry.slices import SliceLayer, parse_slices
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
 from splatgl.viewer.saving import save_scene, scene_of
 from splatgl.viewer.slice_planes import STRAIGHT, layer_painter, middle, normals, planes, slices_of, texts, turned
 from splatgl.viewer.slice_views import Pane, SliceTool, turn_dots
 from splatgl.viewer.state import History, Slices, State
-from splatgl.viewer.trackball import Pointer, View
+from splatgl.viewer.trackball import Pointer, Viewport
 from tests.helpers.commands import acted
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -85,7 +85,7 @@ def test_pixels_of_turned_slices_are_the_field() -> None:
     wide, tall = ((high - low) * 5).tolist()
     pane = Pane(2, state_planes[2], (0, 0, 200, 200), (10.0, 20.0, 10.0 + wide, 20.0 + tall))
     transfer = sg.Transfer(points=[(0.0, 0.0), (57.0, 0.5)])
-    pixels = pane.pixels(layer_painter((Painted(volume, transfer),), False, only=True))
+    pixels = pane.pixels(layer_painter((SliceLayer(volume, transfer),), False, only=True))
     rows, columns = np.nonzero(pixels[..., 3])
     assert 0.9 < len(rows) / pixels[..., 3].size <= 1
     for row, column in zip(rows[::97], columns[::97], strict=True):
@@ -116,14 +116,14 @@ def test_keys_turn_and_show_them_and_undo_takes_back(document: Document) -> None
     assert straight.slice_planes == shown.slice_planes and straight.slices.turn == STRAIGHT
     hidden = acted(once, "slices-in-space", document)
     assert not hidden.slice_planes and not hidden.slices.in_space
-    sums = replace(state, settings=state.settings.but(blend="mip"))
+    sums = replace(state, settings=state.settings.replace(blend="mip"))
     assert "composite" in acted(sums, "slices-in-space", document).message
 
 
 def test_a_drag_of_a_dot_turns_the_other_slices(document: Document) -> None:
     """By the angle at the common point, whatever the path; the wheel then moves along the normal."""
     state = acted(acted(State.of(document, SIZE), "slices", document), "slices-in-space", document)
-    view, tool = View(SIZE), SliceTool(lambda: None)
+    view, tool = Viewport(SIZE), SliceTool(lambda: None)
     pane = tool.panes(state, document, view)[0]
     _, dot = turn_dots(pane, state.slices, document.volume)[0]
     x, y = np.subtract(dot, pane.pixel(pane.plane.point))

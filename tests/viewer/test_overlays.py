@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.annotations.canvas import Subject
+from splatgl.annotations.canvas import AnnotatedSubject
 from splatgl.annotations.text import label, place_label
 from splatgl.annotations.world_lines import measure_text
 from splatgl.cli.main import main
@@ -58,7 +58,7 @@ def test_the_value_under_the_cursor(document: Document) -> None:
     )
     assert under_cursor(state, document, (-1.0, 3.0)) is None
     # what is cut off is not there
-    cut = replace(state, settings=state.settings.but(clip=[(1.0, 0.0, 0.0, 12.0)]))
+    cut = replace(state, settings=state.settings.replace(clip=[(1.0, 0.0, 0.0, 12.0)]))
     deeper = under_cursor(cut, document, (80.5, 29.5))
     assert deeper is not None and deeper.place[0] == pytest.approx(12.0, abs=0.3)
 
@@ -86,7 +86,7 @@ def test_measures_are_those_of_their_points(document: Document) -> None:
     """One after the other, until the key ends it; undone, and hidden once all are removed."""
     state = measured(along_x(document), "measure", document, (50.5, 60.5), (110.5, 60.5))
     # 60 pixels of a tenth of a voxel
-    subject = replace(Subject.of(document.volume), unit="mm")
+    subject = replace(AnnotatedSubject.of(document.volume), unit="mm")
     assert measure_text(state.measures[0], subject) == "6 mm" and state.message == "distance 6"
     assert state.ruler.active and not state.ruler.points and state.annotate[-1] == "measures"
     begun = add_ruler_point(state, document, (80.5, 50.5))
@@ -274,9 +274,9 @@ def test_grounds_and_lights(document: Document) -> None:
     state, seen_grounds = State.of(document, SIZE), []
     # of surfaces, which stand on white; values along rays do not, and sums have none
     for blend, right in (("mip", (0.0, 0.0, 0.0)), ("xray", None), ("composite", (1.0, 1.0, 1.0))):
-        state = with_settings(state, document, state.settings.but(blend=blend))
+        state = with_settings(state, document, state.settings.replace(blend=blend))
         assert state.settings.background == right
-    state = acted(replace(state, settings=state.settings.but(background=(0.0, 0.0, 0.2))), "ground", document)
+    state = acted(replace(state, settings=state.settings.replace(background=(0.0, 0.0, 0.2))), "ground", document)
     assert state.message == "on black"
     for _ in range(5):
         state = acted(state, "ground", document)

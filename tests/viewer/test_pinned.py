@@ -13,7 +13,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document
 from splatgl.viewer.saving import compose_screenshot, save_picture
-from splatgl.viewer.state import History, Pinned, State
+from splatgl.viewer.state import History, PinnedView, State
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window
 
@@ -53,13 +53,13 @@ def test_both_pictures_are_saved(file: Path, renderer: sg.Renderer, tmp_path: Pa
     """Beside each other, each as it is saved alone."""
     document = Document.open(SceneFile(str(file), settings=sg.Settings(antialias="off")))
     base = replace(State.of(document, (32, 24)), annotate=())
-    left, right = (replace(base, settings=base.settings.but(blend=blend)) for blend in blends)
+    left, right = (replace(base, settings=base.settings.replace(blend=blend)) for blend in blends)
     draw, alone = renderer.render, list[np.ndarray]()
     for state in (left, right):
         shown = document.for_settings(state.settings)
         save_picture(state, shown, draw, tmp_path)
         alone.append(sg.Image.load(tmp_path / f"picture-{len(alone) + 1:03d}.png").pixels)
-    pinned = replace(left, pinned=Pinned(document.for_settings(right.settings), right.settings))
+    pinned = replace(left, pinned=PinnedView(document.for_settings(right.settings), right.settings))
     shown = document.for_settings(left.settings)
     save_picture(pinned, shown, draw, tmp_path, lambda image: compose_screenshot(image, pinned, shown, draw, 1.0, None))
     both = sg.Image.load(tmp_path / "picture-003.png").pixels

@@ -13,7 +13,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.data.volume import Label
 from splatgl.errors import InputError
-from splatgl.geometry.slices import Painted
+from splatgl.geometry.slices import SliceLayer
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import describe_pick, under_cursor
@@ -156,7 +156,7 @@ def test_names_of_segments_are_given_and_checked(
 
 def test_hidden_segments_are_clear_in_slices(state: State) -> None:
     volume = sg.Volume(np.array([[[0, 1, 2, 3]]], np.uint8))
-    painter = layer_painter((Painted(volume, with_only(state.style, 2).stated),), False, only=True)
+    painter = layer_painter((SliceLayer(volume, with_only(state.style, 2).stated),), False, only=True)
     shown = panes(Slices(), volume, np.eye(3)[2], (300, 300))[0].pixels(painter)[0].tolist()
     assert shown == [[0] * 4, [0] * 4, [20, 90, 220, 255], [0] * 4]
 

@@ -14,7 +14,7 @@ import pytest
 import splatgl as sg
 from splatgl.annotations.world_lines import letters
 from splatgl.data.color import srgb_from_linear
-from splatgl.geometry.slices import Painted, Painter, world_axes
+from splatgl.geometry.slices import SliceLayer, SlicePainter, world_axes
 from splatgl.gl.screen import Stroke
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
@@ -22,7 +22,7 @@ from splatgl.viewer.saving import append_slices
 from splatgl.viewer.slice_planes import layer_painter
 from splatgl.viewer.slice_views import Pane, SliceTool, clip_strokes, column_width, panes, slice_values
 from splatgl.viewer.state import Slices, State
-from splatgl.viewer.trackball import View
+from splatgl.viewer.trackball import Viewport
 from tests.helpers.blobs import blob
 from tests.helpers.commands import acted
 from tests.helpers.window import MISSING, Window, resized
@@ -44,8 +44,8 @@ def shown(volume: sg.Volume, up: np.ndarray = UP, slices: Slices = MIDDLE) -> tu
     return panes(slices, volume, up, (1024, 768))
 
 
-def painter(volume: sg.Volume, transfer: sg.Transfer, colored: bool = False) -> Painter:
-    return layer_painter((Painted(volume, transfer),), colored, only=True)
+def painter(volume: sg.Volume, transfer: sg.Transfer, colored: bool = False) -> SlicePainter:
+    return layer_painter((SliceLayer(volume, transfer),), colored, only=True)
 
 
 def row_of(values: list[float], transfer: sg.Transfer, colored: bool = False) -> list[list[int]]:
@@ -97,7 +97,7 @@ def test_words_of_slices_cover_no_other(tmp_path: Path, size: tuple[int, int]) -
     sg.Volume(np.full((8, 8, 8), 1234.56, np.float32), frame="LPS").save(tmp_path / "blob.nrrd")
     document = Document.open(SceneFile(str(tmp_path / "blob.nrrd")), quiet=True)
     state = replace(State.of(document, size), slices=Slices(shown=True))
-    words = [np.array(each.place) for each in SliceTool(lambda: None).marks(state, document, View(size)).labels]
+    words = [np.array(each.place) for each in SliceTool(lambda: None).marks(state, document, Viewport(size)).labels]
     assert len(words) == 3 * 5 + 1
     for a, b in combinations(words, 2):
         assert (np.minimum(a[2:], b[2:]) <= np.maximum(a[:2], b[:2])).any()
@@ -241,7 +241,7 @@ def test_keys_show_them(tmp_path: Path) -> None:
 
 def slice_colors_at(state: State, document: Document, index: tuple[int, int, int]) -> list[int]:
     """sRGB and opacity of the first slice at a voxel."""
-    tool, view = SliceTool(lambda: None), View((400, 300))
+    tool, view = SliceTool(lambda: None), Viewport((400, 300))
     pane = tool.panes(state, document, view)[0]
     sprite = next(sprite for sprite in tool.marks(state, document, view).sprites if sprite.place == pane.box)
     point = document.volume.world_from_index @ np.array(index) + np.asarray(document.volume.origin)
@@ -419,7 +419,7 @@ def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypat
     assert not isinstance(document.volume.samples, np.ndarray)
     state = replace(State.of(document, (400, 300)), slices=Slices(shown=True))
     said: list[str] = []
-    view = View((400, 300))
+    view = Viewport((400, 300))
     tool, asked = SliceTool(lambda: None), []
 
     def plane(*given: object) -> None:

@@ -23,13 +23,13 @@ from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.transfer.statistics import statistics
 from splatgl.viewer import hud, transfer_editor
-from splatgl.viewer.adaptive_quality import FULL, LADDER, STRIDES, Level, Moment, Pace, Refiner
+from splatgl.viewer.adaptive_quality import FULL, LADDER, STRIDES, InputTiming, PreviewLevel, PreviewPace, Refiner
 from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document
 from splatgl.viewer.files import Watch, watched_files
 from splatgl.viewer.frame_renderer import MOMENTS, SHARE, TINT, FrameRenderer, plane_section, share_beyond, tint_splats
 from splatgl.viewer.input import from_character, from_key, keymap, list_bindings, load_bindings, normalize_key, rebind
-from splatgl.viewer.jobs import Jobs, Kind
+from splatgl.viewer.jobs import JobKind, Jobs
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.measure_tool import find_matter
 from splatgl.viewer.reference_view import resize_bilinear
@@ -250,7 +250,7 @@ SCENE_COUNTS = [1_000_000, 140_000, 18_000, 3000]
 
 def paced(cost: list[float], frames: int = 60, rest: float = 0.0, start: float | None = None) -> list[int]:
     """Levels of a moving picture when each level takes so long, and all else `rest`."""
-    pace = Pace.of(SCENE_COUNTS, 300_000, 0.033).drawn(0, start or cost[0], rest).started()
+    pace = PreviewPace.of(SCENE_COUNTS, 300_000, 0.033).drawn(0, start or cost[0], rest).started()
     levels = []
     for _ in range(frames):
         levels.append(pace.level)
@@ -287,15 +287,15 @@ def test_poor_rates_take_any_gain() -> None:
 def test_motion_has_a_floor() -> None:
     """At least an eighth of the pixels, and every second voxel; less where nothing moves."""
     slow = [2.0, 1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.15, 0.1, 0.08, 0.05, 0.02]
-    assert LADDER[max(paced(slow, 200))] == Level(0.35, 2)
+    assert LADDER[max(paced(slow, 200))] == PreviewLevel(0.35, 2)
     stuck = [20.0, 9.0, 8.0, 7.0, 6.0, 5.0, 4.5, 4.0, 2.0, 1.0, 0.5, 0.1]
     assert LADDER[paced(stuck, 200)[-1]].stride == 8
 
 
 def test_a_hiccup_leaves_the_floor_where_it_is() -> None:
     """One frame that waits for something else makes no picture coarse; below the floor is for those that are stuck."""
-    floor = LADDER.index(Level(0.35, 2))
-    pace = Pace.of(SCENE_COUNTS, 300_000, 0.033).drawn(0, 3.0).started()
+    floor = LADDER.index(PreviewLevel(0.35, 2))
+    pace = PreviewPace.of(SCENE_COUNTS, 300_000, 0.033).drawn(0, 3.0).started()
     for seconds in (0.11, 0.11, 0.11, 0.7, 0.11, 0.11):
         pace = pace.drawn(pace.level, seconds)
         assert pace.level <= floor
@@ -310,7 +310,7 @@ def test_a_hiccup_leaves_the_floor_where_it_is() -> None:
 
 def test_who_had_to_come_back_waits() -> None:
     """A finer level that looks cheap beforehand, and never is, is tried ever more seldom."""
-    pace = Pace.of([10_000] * len(STRIDES), 100_000)
+    pace = PreviewPace.of([10_000] * len(STRIDES), 100_000)
     pace, climbs = replace(pace, level=4), []
     for number in range(400):
         if pace.level < 4:
@@ -331,7 +331,7 @@ def test_nothing_flickers_near_the_target(near: float) -> None:
 
 
 def test_a_scene_that_becomes_cheap_gets_finer() -> None:
-    pace = Pace.of([80_000, 20_000, 5000, 1000], 300_000).drawn(0, 1.0).started()
+    pace = PreviewPace.of([80_000, 20_000, 5000, 1000], 300_000).drawn(0, 1.0).started()
     coarse = pace.level
     pace = pace.drawn(coarse, 0.03)
     for _ in range(200):
@@ -341,7 +341,7 @@ def test_a_scene_that_becomes_cheap_gets_finer() -> None:
 
 def test_a_first_picture_that_compiles_is_forgiven() -> None:
     """One long frame of a level, and one of the full picture, keep nothing coarse."""
-    pace = Pace.of([10_000] * len(STRIDES), 100_000)
+    pace = PreviewPace.of([10_000] * len(STRIDES), 100_000)
     costs = [work * 1e-7 for work in pace.work]
     pace = pace.drawn(0, 3.0).started()
     assert pace.level > 0
@@ -355,10 +355,10 @@ def test_levels_obey_what_is_asked() -> None:
     assert FULL.settings(asked) is asked
     lenient = sg.Settings(antialias="paper", tolerance=8 / 255)
     for level in LADDER[1:]:
-        assert level.settings(asked) == lenient.but(blend="mip")
+        assert level.settings(asked) == lenient.replace(blend="mip")
         assert level.settings(sg.Settings(antialias="supersample")) == lenient
-        assert level.settings(sg.Settings(steps=4, tolerance=0.1)) == lenient.but(steps=4, tolerance=0.1)
-    assert Level(0.71, 2).size((641, 3)) == (455, 2)
+        assert level.settings(sg.Settings(steps=4, tolerance=0.1)) == lenient.replace(steps=4, tolerance=0.1)
+    assert PreviewLevel(0.71, 2).size((641, 3)) == (455, 2)
 
 
 def test_accuracy_is_given_up_before_pixels_and_voxels() -> None:
@@ -368,42 +368,44 @@ def test_accuracy_is_given_up_before_pixels_and_voxels() -> None:
     assert str(LADDER[1]) == "all pixels and voxels" and LADDER[1].size(SIZE) == SIZE and LADDER[1].stride == 1
 
 
-def stepped(refiner: Refiner, wanted: str, now: Moment, full: bool) -> int | None:
+def stepped(refiner: Refiner, wanted: str, now: InputTiming, full: bool) -> int | None:
     return refiner.step((wanted,), now, lambda level: ((wanted,), full))
 
 
 def test_refinement() -> None:
     """Coarse while input comes, nothing until REST, then in full once, and not again."""
     refiner = Refiner([4_000_000, 400_000, 50_000, 8000], 640 * 480, 0.033)
-    first = refiner.level(("a",), Moment(0.0))
+    first = refiner.level(("a",), InputTiming(0.0))
     assert first
-    assert stepped(refiner, "a", Moment(0.0), False) == first
-    assert refiner.level(("a",), Moment(0.02)) is None
-    assert 0 < (refiner.patience(("a",), Moment(0.02)) or 0) < 0.15
-    assert refiner.level(("a",), Moment(0.15)) == 0
+    assert stepped(refiner, "a", InputTiming(0.0), False) == first
+    assert refiner.level(("a",), InputTiming(0.02)) is None
+    assert 0 < (refiner.seconds_until_due(("a",), InputTiming(0.02)) or 0) < 0.15
+    assert refiner.level(("a",), InputTiming(0.15)) == 0
     # a button held down puts off what would take long; turning puts it off for good
-    assert refiner.level(("a",), Moment(0.15, held=True)) is None
-    assert refiner.level(("a",), Moment(9.0, turning=True)) is None
-    assert stepped(refiner, "a", Moment(0.15), True) == 0
-    assert refiner.level(("a",), Moment(1.0)) is None and refiner.patience(("a",), Moment(1.0)) is None
+    assert refiner.level(("a",), InputTiming(0.15, held=True)) is None
+    assert refiner.level(("a",), InputTiming(9.0, turning=True)) is None
+    assert stepped(refiner, "a", InputTiming(0.15), True) == 0
+    assert (
+        refiner.level(("a",), InputTiming(1.0)) is None and refiner.seconds_until_due(("a",), InputTiming(1.0)) is None
+    )
     # also where the machine is so busy that the view rests before anything is drawn
-    late = refiner.level(("b",), Moment(0.3))
+    late = refiner.level(("b",), InputTiming(0.3))
     assert late
-    assert stepped(refiner, "b", Moment(0.3), False) == late
-    assert refiner.level(("b",), Moment(0.3)) == 0
+    assert stepped(refiner, "b", InputTiming(0.3), False) == late
+    assert refiner.level(("b",), InputTiming(0.3)) == 0
 
 
 def test_strides_refine_as_they_come() -> None:
     """Nothing without splats; then the finest there is, each once, and the full picture at last."""
     refiner = Refiner([10, 10, 10, 10], 100, 0.033)
-    assert refiner.level(("a",), Moment(0.0, strides=())) is None
+    assert refiner.level(("a",), InputTiming(0.0, strides=())) is None
     drawn = []
     for strides in ((8,), (4, 8), (4, 8), (2, 4, 8), (1, 2, 4, 8), (1, 2, 4, 8)):
-        level = refiner.step(("a",), Moment(5.0, strides=strides), lambda level: (("a",), level == 0))
+        level = refiner.step(("a",), InputTiming(5.0, strides=strides), lambda level: (("a",), level == 0))
         drawn.append(None if level is None else LADDER[level].stride)
     assert drawn == [8, 4, None, 2, 1, None]
     # in motion no stride is waited for
-    assert refiner.level(("b",), Moment(0.0, strides=(1, 8))) in (0, len(LADDER) - 1, 8)
+    assert refiner.level(("b",), InputTiming(0.0, strides=(1, 8))) in (0, len(LADDER) - 1, 8)
 
 
 def test_a_picture_that_cannot_be_had_is_not_tried_again() -> None:
@@ -413,10 +415,12 @@ def test_a_picture_that_cannot_be_had_is_not_tried_again() -> None:
         raise sg.InputError("none")
 
     with pytest.raises(sg.InputError, match="none"):
-        refiner.step(("a",), Moment(5.0), refuse)
-    assert refiner.level(("a",), Moment(5.0)) is None and refiner.patience(("a",), Moment(5.0)) is None
+        refiner.step(("a",), InputTiming(5.0), refuse)
+    assert (
+        refiner.level(("a",), InputTiming(5.0)) is None and refiner.seconds_until_due(("a",), InputTiming(5.0)) is None
+    )
     # in full at once, as it is quick
-    assert refiner.level(("b",), Moment(5.0)) == 0
+    assert refiner.level(("b",), InputTiming(5.0)) == 0
 
 
 def test_undo_and_redo(scene: SceneFile) -> None:
@@ -579,9 +583,15 @@ def test_overlay_says_what_it_should() -> None:
 
 def test_the_scale_of_opacities_there_and_back() -> None:
     for opacity in (0.0, 0.002, 0.01, 0.5, 1.0):
-        assert transfer_editor.fall(float(transfer_editor.rise(opacity))) == pytest.approx(opacity, abs=1e-12)
+        assert transfer_editor.opacity_from_axis(float(transfer_editor.axis_from_opacity(opacity))) == pytest.approx(
+            opacity, abs=1e-12
+        )
     # fine near zero: the lowest hundredth has a sixth of the height
-    assert transfer_editor.rise(0.01) > 0.16 and transfer_editor.fall(0.0) == 0.0 and transfer_editor.fall(1.0) == 1.0
+    assert (
+        transfer_editor.axis_from_opacity(0.01) > 0.16
+        and transfer_editor.opacity_from_axis(0.0) == 0.0
+        and transfer_editor.opacity_from_axis(1.0) == 1.0
+    )
 
 
 def test_the_drawn_curve_is_the_transfer_function() -> None:
@@ -589,14 +599,15 @@ def test_the_drawn_curve_is_the_transfer_function() -> None:
     transfer = sg.Transfer(points=[(10, 0.0), (20, 0.4), (20, 0.1), (30, 0.3)])
     values, heights = transfer_editor.line(transfer, 0.0, 50.0)
     assert values[0] == 0.0 and values[-1] == 50.0 and (np.diff(values) > -1e-9).all()
-    assert {(20.0, float(transfer_editor.rise(0.4))), (20.0, float(transfer_editor.rise(0.1)))} <= set(
-        zip(values, heights, strict=True)
-    )
+    assert {
+        (20.0, float(transfer_editor.axis_from_opacity(0.4))),
+        (20.0, float(transfer_editor.axis_from_opacity(0.1))),
+    } <= set(zip(values, heights, strict=True))
     apart = np.abs(values - 20.0) > 1e-9
-    assert np.allclose(heights[apart], transfer_editor.rise(transfer.opacity(values[apart])), atol=1e-12)
+    assert np.allclose(heights[apart], transfer_editor.axis_from_opacity(transfer.opacity(values[apart])), atol=1e-12)
     bent = sg.Transfer(points=[(1, 0.0), (100, 0.4)], scale="log")
     values, heights = transfer_editor.line(bent, 1.0, 100.0)
-    assert np.allclose(heights, transfer_editor.rise(0.2 * np.log10(values)), atol=1e-12)
+    assert np.allclose(heights, transfer_editor.axis_from_opacity(0.2 * np.log10(values)), atol=1e-12)
 
 
 def test_bars_are_counts() -> None:
@@ -612,7 +623,7 @@ def test_bars_are_counts() -> None:
 def test_points_of_opacities_and_colours() -> None:
     nodes = ((0.0, 0.0), (10.0, 0.5), (20.0, 1.0))
     assert transfer_editor.move_point(nodes, 1, 15.0, 0.25) == ((0.0, 0.0), (15.0, 0.25), (20.0, 1.0))
-    above = transfer_editor.fall(9.0)
+    above = transfer_editor.opacity_from_axis(9.0)
     assert transfer_editor.move_point(nodes, 1, 99.0, above) == ((0.0, 0.0), (20.0, 1.0), (20.0, 1.0))
     assert transfer_editor.add_point(nodes, 12.0, 0.1) == (((0.0, 0.0), (10.0, 0.5), (12.0, 0.1), (20.0, 1.0)), 2)
     assert (
@@ -640,7 +651,7 @@ def test_opacity_keys_undo_each_other(scene: SceneFile) -> None:
 def test_settings_that_a_volume_does_not_allow_are_passed_over(scene: SceneFile) -> None:
     document = Document.open(scene)
     state, met = State.of(document, SIZE), []
-    state = replace(state, settings=state.settings.but(technique="tiles"))
+    state = replace(state, settings=state.settings.replace(technique="tiles"))
     for _ in range(6):
         state = acted(state, "align", document)
         met.append(state.settings.align)
@@ -673,23 +684,23 @@ def test_splats_are_classified_as_the_settings_say(after: LayerSplats) -> None:
     )
     assert after.counts[0] == len(after.at(1)) and after.at(1).post.kernel == "b-spline"
     assert after.for_settings(POST) is after and after.why_pre_classified(POST, False) is None
-    assert after.for_settings(POST.but(blend="xray")) is after
+    assert after.for_settings(POST.replace(blend="xray")) is after
     assert after.for_settings(POST, moving=True) is after
-    streaked = POST.but(motion="exact")
+    streaked = POST.replace(motion="exact")
     before = after.for_settings(streaked, moving=True)
     assert before.at(1).post is None and len(before.at(1)) < len(after.at(1)) and not before.is_post_classified
     assert before.for_settings(streaked, moving=True) is before and before.for_settings(POST) == after
-    every = after.for_settings(POST.but(blend="mip"))
+    every = after.for_settings(POST.replace(blend="mip"))
     assert every.at(1).post is not None and len(every.at(1)) == after.volume.samples.size
     assert after.for_settings(PRE) == before and before.why_pre_classified(streaked, True) == "motion exact"
-    other = after.for_settings(POST.but(kernel="crawfis-max"))
+    other = after.for_settings(POST.replace(kernel="crawfis-max"))
     assert other.at(1).post is not None and other.at(1).post.kernel == "crawfis-max"
 
 
 def test_blends_of_one_value_have_no_threshold(document: Document) -> None:
     """Voxels that are left out would change means and minima without a word."""
     state = State.of(document, SIZE)
-    mean = replace(state, settings=POST.but(blend="mean"))
+    mean = replace(state, settings=POST.replace(blend="mean"))
     told = acted(mean, "threshold-up", document)
     assert told.style.threshold == 0.0 and told.message == "no threshold: this blend takes the values of all voxels"
     assert acted(state, "threshold-up", document).style.threshold > 0
@@ -700,10 +711,10 @@ def test_blends_of_one_value_have_no_threshold(document: Document) -> None:
         met.add(pending.settings.blend)
     assert met == {"composite", "xray", "mip"}
     # nor are values that were extracted without one taken for it
-    every = document.layers[0].for_settings(POST.but(blend="mean"))
+    every = document.layers[0].for_settings(POST.replace(blend="mean"))
     assert every.at(1).post is not None
     with pytest.raises(sg.InputError, match="only classification pre is possible, because of threshold"):
-        every.for_style(LayerStyle(every.transfer, 0.1), POST.but(blend="mean")).at(1)
+        every.for_style(LayerStyle(every.transfer, 0.1), POST.replace(blend="mean")).at(1)
 
 
 def test_edits_of_kept_values_extract_nothing(after: LayerSplats) -> None:
@@ -754,10 +765,10 @@ def test_the_window_draws_values_and_what_they_cannot_be(document: Document, ren
     frame = painter.draw(sheets, document.for_settings(sheets.settings), LADDER[6], False, lambda: False)
     assert frame.info["classification"] == "pre" and frame.info["sheets"] == 2
     for blend in ("xray", "mip"):
-        other = replace(state, settings=POST.but(blend=blend))
+        other = replace(state, settings=POST.replace(blend=blend))
         frame = painter.draw(other, document.for_settings(other.settings), FULL, False, lambda: False)
         assert (frame.info["classification"], frame.info["blend"]) == ("post", blend)
-    blurred, before = replace(state, blur="exact"), document.for_settings(POST.but(motion="exact"), moving=True)
+    blurred, before = replace(state, blur="exact"), document.for_settings(POST.replace(motion="exact"), moving=True)
     painter.draw(blurred, before, FULL, True, lambda: False)
     blurred = replace(blurred, pose=blurred.pose.spun(5.0, np.array([0.0, 0.0, 1.0])))
     frame = painter.draw(blurred, before, FULL, True, lambda: False)
@@ -780,7 +791,7 @@ def test_slow_pictures_blur_no_longer_paths(document: Document, renderer: sg.Ren
     assert moments(0.0) == MOMENTS and moments(20.0) == 2
 
 
-def said_of(state: State, document: Document, frame: hud.Frame) -> tuple[str, ...]:
+def said_of(state: State, document: Document, frame: hud.DisplayedFrame) -> tuple[str, ...]:
     return hud.full_lines(state, document, frame, None)
 
 
@@ -801,7 +812,7 @@ def test_classification_is_a_choice(document: Document, scene: SceneFile) -> Non
 def test_light_beyond_z_k_is_tinted(document: Document, renderer: sg.Renderer) -> None:
     """All of it far off, none of it near, and in between the part that is beyond."""
     painter, state = FrameRenderer(cast(Screen, Kept()), renderer, ()), State.of(document, SIZE)
-    state = replace(state, settings=POST.but(antialias="paper", background=(0.1, 0.1, 0.4)))
+    state = replace(state, settings=POST.replace(antialias="paper", background=(0.1, 0.1, 0.4)))
     shares = []
     for notches in (0.0, -5.0, -9.5, -12.0):
         seen_from = replace(state, pose=zoom_by_wheel(state.pose, (60.0, 40.0), notches))
@@ -836,7 +847,7 @@ def test_scenes_survive_their_file(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     np.save(tmp_path / "data" / 'a "b"\\c\tä.npy', np.zeros((2, 2, 2)))
     settings = sg.Settings(blend="mip", tolerance=0.01, background=(0.1, 0.2, 1 / 3), z_s=1e-30, align="hybrid")
-    settings = settings.but(antialias="paper", blur_width=2.5)
+    settings = settings.replace(antialias="paper", blur_width=2.5)
     scenes = [
         SceneFile("tunnel"),
         SceneFile(str(tmp_path / "data" / 'a "b"\\c\tä.npy'), settings=settings, threshold=1 / 3),
@@ -972,17 +983,17 @@ def test_values_that_are_kept_serve_no_threshold(scene: SceneFile) -> None:
         document = document.with_styles(state.styles, state.mesh_files, state.settings)
         assert all(len(document.layers[0].at(stride)) for stride in STRIDES)
     # the values are still there for what they are of
-    less = replace(state.edit(threshold=0.0), settings=state.settings.but(blend="mip"))
-    assert document.with_styles(less.styles, less.mesh_files, less.settings).layers[0].made
+    less = replace(state.edit(threshold=0.0), settings=state.settings.replace(blend="mip"))
+    assert document.with_styles(less.styles, less.mesh_files, less.settings).layers[0].by_stride
 
 
 def test_jobs_do_the_newest() -> None:
     started, gate, woken = threading.Event(), threading.Event(), threading.Event()
     jobs = Jobs(woken.set)
-    jobs.submit(Kind.OPEN, "first", lambda: started.set() or (gate.wait(LONGEST) and 1))
+    jobs.submit(JobKind.OPEN, "first", lambda: started.set() or (gate.wait(LONGEST) and 1))
     assert started.wait(LONGEST)
-    jobs.submit(Kind.OPEN, "dropped", lambda: 2)
-    jobs.submit(Kind.OPEN, "last", lambda: 1 / 0)
+    jobs.submit(JobKind.OPEN, "dropped", lambda: 2)
+    jobs.submit(JobKind.OPEN, "last", lambda: 1 / 0)
     assert jobs.busy == "last"
     gate.set()
     end = time.monotonic() + LONGEST

@@ -692,7 +692,7 @@ LEFT, AXIS = 276, (-0.05, 1.05)
 def on_plot(told: Told, value: float, opacity: float) -> tuple[int, int]:
     """Pixel of a node of the opacity curve."""
     (left, top, wide, high), (low, stop) = told["plot"]
-    share = (AXIS[1] - float(transfer_editor.rise(opacity))) / (AXIS[1] - AXIS[0])
+    share = (AXIS[1] - float(transfer_editor.axis_from_opacity(opacity))) / (AXIS[1] - AXIS[0])
     return round(left + (value - low) / (stop - low) * wide), round(top + share * high)
 
 

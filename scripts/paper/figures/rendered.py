@@ -28,7 +28,7 @@ from paper.aliasing import (
 from paper.tables import TEXT_WIDTH, Table
 
 from splatgl import __version__
-from splatgl.animation.camera_track import Turning, turning
+from splatgl.animation.camera_track import TurntableTrack, turning
 from splatgl.annotations.text import load_font
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.image import Image
@@ -36,13 +36,13 @@ from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source, write_file
 from splatgl.geometry.camera import Camera
-from splatgl.options import Kind, declared
+from splatgl.options import ValueKind, declared
 from splatgl.planning.resolve import blur_form
 from splatgl.scene.draw import DrawOptions
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.extract import extract
-from splatgl.splat.motion import Draw, Moments, count_moments, streaks
+from splatgl.splat.motion import Draw, Supersampling, count_moments, streaks
 from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.settings import FULL_SHUTTER, MAX_MOMENTS, Attenuation, Blend, Settings
 from splatgl.splat.splats import Splats
@@ -86,12 +86,12 @@ def _measure_still(shown: RenderedFigure) -> Rows:
     reach = Reach.of(draw, splats, camera)
     window = reach.window()
     for blend, kernel, ways in shown.kinds:
-        off = shown.settings(0, blend).but(background=None, kernel=kernel)
-        right = draw(splats, camera, off.but(antialias="supersample"))
+        off = shown.settings(0, blend).replace(background=None, kernel=kernel)
+        right = draw(splats, camera, off.replace(antialias="supersample"))
         variants = {"standard": off}
         for way in ways:
             name = f"antialiased ({way})" if len(ways) > 1 else "antialiased"
-            variants[name] = off.but(antialias="paper", attenuation=way)
+            variants[name] = off.replace(antialias="paper", attenuation=way)
         standard: dict[str, float] = {}
         for name, settings in variants.items():
             errors = {
@@ -106,7 +106,7 @@ def _measure_still(shown: RenderedFigure) -> Rows:
             noise = f"÷ {noise_ratio(splats, camera, kernel):.2f}"
             yield f"{blend}, {kernel}: aliasing energy, noise at these depths", "by the kernel's spectrum", noise
     # quads: tiles end behind opaque splats, which rounds the same sums otherwise
-    before = shown.settings(1).but(background=None, technique="quads")
+    before = shown.settings(1).replace(background=None, technique="quads")
     changed, count = differing_before(draw, splats, camera, before)
     yield "before z_k: pixels that antialiasing changes", f"{changed} of {count}", ""
 
@@ -135,14 +135,14 @@ def _measure_blur(shown: RenderedFigure) -> Rows:
         f"{longest:.1f} pixels",
         "",
     )
-    many = Moments(shown.draw, turn, shown.figure.shutter, TIMES)
-    sums = shown.settings(1, "xray").but(background=None)
+    many = Supersampling(shown.draw, turn, shown.figure.shutter, TIMES)
+    sums = shown.settings(1, "xray").replace(background=None)
     energy, right = (
         float(draw(splats, camera, sums).pixels[..., 3].sum(dtype=np.float64))
         for draw in (shown.drawer(3, shown.track), many)
     )
     yield f"energy of blurred splats, X-ray, by that of {TIMES} moments", f"{energy / right:.6f}", ""
-    truth = many(splats, camera, shown.settings(1).but(antialias="supersample"))
+    truth = many(splats, camera, shown.settings(1).replace(antialias="supersample"))
     everywhere = np.ones(camera.size[::-1], dtype=bool)
     errors = [
         mean_square(shown.drawer(v, shown.track)(splats, camera, shown.settings(v)), truth, everywhere)
@@ -169,7 +169,7 @@ def add_pictures(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("source", nargs="?", metavar="SOURCE", help=f"{names}: a volume or scene.toml for the paper's")
     group = parser.add_argument_group(f"rendered figures ({names})")
     group.add_argument("--color", metavar="PICTURE", help="colour picture laid over a height map")
-    group.add_argument("--size", type=Kind.picture_size().parse, metavar="W×H", help="pixels of each picture")
+    group.add_argument("--size", type=ValueKind.picture_size().parse, metavar="W×H", help="pixels of each picture")
     kind = declared(Settings)["kernel"].kind
     group.add_argument("--kernel", type=kind.parse, metavar=kind.metavar, help="kernel of each voxel")
     about = "the hardware path of 1998: hybrid, 8-bit table and target"
@@ -217,15 +217,15 @@ def _blur(renderer: Renderer, args: argparse.Namespace, shutter: float) -> Motio
     if args.moments is not None:
         return by_moments(args.moments, shutter) if args.moments else None
 
-    def blurred(draw: Draw, track: Turning) -> Draw:
+    def blurred(draw: Draw, track: TurntableTrack) -> Draw:
         def draw_blurred(splats: Splats, camera: Camera, settings: Settings) -> Image:
             # the paper's settings streak
             default = "paper" if args.paper else "auto"
-            settings = settings.but(motion=args.motion or default, shutter=shutter)
+            settings = settings.replace(motion=args.motion or default, shutter=shutter)
             if blur_form(splats, settings) == "moments":
                 # a strip's view is narrow: use the count for the whole image
                 whole = replace(camera, size=(camera.size[1], camera.size[1]))
-                settings = settings.but(moments=count_moments(splats, whole, track.turn, shutter))
+                settings = settings.replace(moments=count_moments(splats, whole, track.turn, shutter))
             return renderer.render(splats, camera, settings, track.turn)
 
         return draw_blurred
@@ -282,7 +282,7 @@ EMPTY = 8
 BLOCK = 5
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
-Motioned = Callable[[Draw, Turning], Draw]
+Motioned = Callable[[Draw, TurntableTrack], Draw]
 
 
 @dataclass(frozen=True)
@@ -381,11 +381,11 @@ class RenderedFigure:
         return extract(self.volume, transfer, self.scene.threshold, classification="pre")
 
     @cached_property
-    def track(self) -> Turning:
+    def track(self) -> TurntableTrack:
         """The scene's rotation for the figure; a figure of one frame has none."""
         return self.turned(self.figure.spin)
 
-    def turned(self, spin: float) -> Turning:
+    def turned(self, spin: float) -> TurntableTrack:
         """The scene rotating by `spin` degrees per frame; a flat scene without a view gets a low one."""
         view = self.scene.view
         low = _low_view(self.volume, view.size) if view == ViewOptions(size=view.size) else None
@@ -412,7 +412,7 @@ class RenderedFigure:
         kernel = self.scene.settings.kernel
         return KINDS if kernel == "auto" else tuple((blend, kernel, ways) for blend, _, ways in KINDS[::2])
 
-    def drawer(self, variant: int, track: Turning) -> Draw:
+    def drawer(self, variant: int, track: TurntableTrack) -> Draw:
         """The draw function of a variant; the last two have motion blur."""
         return self.draw if variant < 2 or self.blur is None else self.blur(self.draw, track)
 
@@ -473,7 +473,7 @@ def _find_largest_change(first: np.ndarray, second: np.ndarray, times: int) -> t
 
 def by_moments(count: int, shutter: float = FULL_SHUTTER) -> Motioned:
     """Motion blur by the mean of `count` moments."""
-    return lambda draw, track: Moments(draw, track.turn, shutter, count)
+    return lambda draw, track: Supersampling(draw, track.turn, shutter, count)
 
 
 def _low_view(volume: Volume, size: tuple[int, int]) -> ViewOptions | None:

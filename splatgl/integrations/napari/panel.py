@@ -63,7 +63,7 @@ def picture(viewer: Any, blend: Blend | None = None, size: tuple[int, int] | Non
     scene = Scene([_layer(layer, viewer, settings) for layer in layers])
     camera, mirrored = camera_of(viewer, scene.corners, size)
     if settings.join == "attenuated":
-        settings = settings.but(mip_attenuation=float(getattr(images[0], "attenuation", 0.05)))
+        settings = settings.replace(mip_attenuation=float(getattr(images[0], "attenuation", 0.05)))
     with shared_renderer() as renderer:
         image = renderer.render(scene, camera, settings)
     notes = (*left_out(viewer, layers, used), *image.notes)

@@ -30,7 +30,7 @@ LEAST_WIDTH = 320
 AS_SHOWN = "as shown"
 
 
-class Panel(QWidget):
+class NapariPanel(QWidget):
     """Draws the visible image and label layers of a viewer as a scene. image: the latest picture, or None."""
 
     def __init__(self, napari_viewer: Any) -> None:

@@ -21,7 +21,7 @@ POINTS, WIREFRAME = 0, 1
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class ActorGeometry:
     """Points float64 [N, 3], world; cells as arrays of point indices. colors uint8 [N, 4], None, or, if of_cells,
     one per cell: balls, then lines, then triangles. places float64 [N, 2]: texture coordinates, or None.
     """
@@ -76,7 +76,7 @@ def _meshes(actor: Any, camera: Camera) -> Iterator[Mesh]:
         if style == POINTS:
             corners = [np.array([number]) for number in range(len(shape.points))]
             colors = None if shape.of_cells else shape.colors
-            shape = Shape(shape.points, corners, [], shape.faces[:0], colors, False)
+            shape = ActorGeometry(shape.points, corners, [], shape.faces[:0], colors, False)
         elif style == WIREFRAME:
             shape = replace(shape, faces=shape.faces[:0])
         picture = _picture(actor)
@@ -118,7 +118,7 @@ def _picture(actor: Any) -> np.ndarray | None:
     return samples if samples.dtype == np.uint8 else None
 
 
-def paint_texture(shape: Shape, picture: np.ndarray, actor: Any) -> Mesh:
+def paint_texture(shape: ActorGeometry, picture: np.ndarray, actor: Any) -> Mesh:
     """Triangles of a shape, cut until each spans about a texel, in the colours of a texture times the actor's."""
     prop, faces = actor.GetProperty(), shape.faces
     assert shape.places is not None
@@ -165,7 +165,7 @@ def _texels(picture: np.ndarray, places: np.ndarray, texture: Any) -> np.ndarray
     return _sample_plane(rgb, rows, columns, bool(texture.GetInterpolate()), bool(texture.GetRepeat()))
 
 
-def _shape_meshes(shape: Shape, prop: Any, color: Any, camera: Camera) -> Iterator[Mesh]:
+def _shape_meshes(shape: ActorGeometry, prop: Any, color: Any, camera: Camera) -> Iterator[Mesh]:
     """Balls, tubes and triangles of a shape."""
     code = "#{:02x}{:02x}{:02x}".format(*np.rint(255 * np.clip(color, 0, 1)).astype(int).tolist())
     full = float(np.clip(prop.GetOpacity(), 0.0, 1.0))
@@ -268,7 +268,7 @@ def _apply(filter: Any, data: Any) -> Any:
     return filter.GetOutput()
 
 
-def _shape(data: Any, matrix: np.ndarray) -> Shape:
+def _shape(data: Any, matrix: np.ndarray) -> ActorGeometry:
     """Polygonal data as arrays, polygons as triangles."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkFiltersCore import vtkTriangleFilter
@@ -281,7 +281,7 @@ def _shape(data: Any, matrix: np.ndarray) -> Shape:
     points = np.zeros((0, 3)) if vtk_points is None else vtk_to_numpy(vtk_points.GetData()).astype(np.float64)
     on_cells = data.GetCellData().GetArray(COLORS)
     colors, places = on_cells or data.GetPointData().GetArray(COLORS), data.GetPointData().GetTCoords()
-    return Shape(
+    return ActorGeometry(
         points @ matrix[:3, :3].T + matrix[:3, 3],
         _cells(data.GetVerts()),
         _cells(data.GetLines()),

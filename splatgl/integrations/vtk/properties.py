@@ -11,7 +11,7 @@ from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.geometry.clipping import Plane
 from splatgl.integrations import color_nodes, opacity_nodes
-from splatgl.splat.lighting import Light
+from splatgl.splat.lighting import LightModel
 from splatgl.transfer.transfer import Nodes, Transfer
 
 # samples of functions that are not piecewise linear, and maximum number of control colours
@@ -118,7 +118,7 @@ def _gradient(prop: Any, index: int, spacing: float) -> Nodes:
     return () if all(weight == 1 for _, weight in nodes) else tuple((size / spacing, share) for size, share in nodes)
 
 
-def property_of(volume: Volume, transfer: Transfer, light: Light, lit: bool) -> Any:
+def property_of(volume: Volume, transfer: Transfer, light: LightModel, lit: bool) -> Any:
     """vtkVolumeProperty of a transfer function. lit: whether it is shaded."""
     from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
     from vtkmodules.vtkRenderingCore import vtkColorTransferFunction, vtkVolumeProperty

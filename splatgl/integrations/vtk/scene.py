@@ -28,7 +28,7 @@ from splatgl.integrations.vtk.properties import clip_planes, matrix_of, property
 from splatgl.planning.scene import Layer, Scene
 from splatgl.scene.meshes import stage
 from splatgl.scene.open_scene import with_background
-from splatgl.splat.lighting import Light
+from splatgl.splat.lighting import LightModel
 from splatgl.splat.settings import BLENDS, Blend, Settings
 from splatgl.transfer.colormaps import paint_vertices
 from splatgl.transfer.transfer import Transfer
@@ -90,7 +90,7 @@ def settings_of(x: Any) -> Settings:
         raise expected("plotter", "volumes of one blend mode", " and ".join(sorted(blends)))
     sides = [renderer.GetBackground()] + [renderer.GetBackground2()] * bool(renderer.GetGradientBackground())
     ground = linear_from_srgb(np.clip(np.mean(sides, axis=0), 0.0, 1.0)).tolist()
-    return Settings(blend=blends.pop() if blends else "composite", background=ground).but(**_light(renderer))
+    return Settings(blend=blends.pop() if blends else "composite", background=ground).replace(**_light(renderer))
 
 
 def list_differences(x: Any) -> Iterator[str]:
@@ -340,7 +340,7 @@ def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, o
     if settings.blend not in VTK_BLENDS:
         raise expected("blend", f"one that VTK has: {', '.join(VTK_BLENDS)}", settings.blend)
     plotter = pyvista.Plotter(**{"window_size": list(camera.size), "lighting": "none", **options})
-    light = Light.of(settings.light, settings.light_from, strengths=settings.strengths)
+    light = LightModel.of(settings.light, settings.light_from, strengths=settings.strengths)
     plotter.add_light(_plotter_light(pyvista, light))
     for layer, layer_planes in zip(scene.shown, scene.planes, strict=True):
         planes = (*settings.clip, *layer_planes)
@@ -384,7 +384,7 @@ def camera_of(camera: Camera, corners: np.ndarray) -> Any:
     return converted
 
 
-def _volume(pyvista: Any, layer: Layer, light: Light, settings: Settings, planes: tuple[Plane, ...]) -> Any:
+def _volume(pyvista: Any, layer: Layer, light: LightModel, settings: Settings, planes: tuple[Plane, ...]) -> Any:
     """pyvista.Volume of a layer, clipped by the mapper; directions in a matrix, as VTK's CPU ray caster requires."""
     from vtkmodules.vtkRenderingVolumeOpenGL2 import vtkSmartVolumeMapper
 
@@ -420,7 +420,7 @@ def _set_colors(data: Any, volume: Volume, transfer: Transfer, prop: Any) -> Non
     shares.AddPoint(255.0, 1.0)
 
 
-def _plotter_light(pyvista: Any, light: Light) -> Any:
+def _plotter_light(pyvista: Any, light: LightModel) -> Any:
     """pyvista.Light at the eye or beside it; white ambient light keeps the objects' colours."""
     converted = pyvista.Light(light_type="headlight")
     if light.direction is not None:
