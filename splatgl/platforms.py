@@ -15,7 +15,7 @@ from typing import Any, cast
 # backends of OpenGL, in the order in which "auto" tries them
 BACKENDS = {"win32": ("wgl", "window"), "darwin": ("cgl", "window")}.get(sys.platform, ("egl", "osmesa", "window"))
 CHOICES = f"{', '.join(('auto', *BACKENDS[:-1]))} or {BACKENDS[-1]}"
-WINDOWS_DRIVER = "install the driver of the graphics card, or Mesa's opengl32.dll beside python.exe"
+WINDOWS_DRIVER = "install the driver of the graphics card, or Mesa's opengl32.dll next to python.exe"
 # how to get a window
 DISPLAY_FIX = {"win32": WINDOWS_DRIVER, "darwin": "log in to the desktop of macOS"}.get(sys.platform, "set DISPLAY")
 # how to install a missing backend; "auto" needs only the first

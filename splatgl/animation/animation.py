@@ -152,7 +152,7 @@ class Animation:
         scenes, scene = open_series(scenes, time, is_quiet)
         settings, view = _sharp_unless_asked(scene.file.settings, timeline), scene.file.view
         if flow is not None and settings.motion == "off" and settings.moments is None:
-            raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
+            raise expected("--flow", "--motion or --moments with it, which blur", "motion off", "add --motion exact")
         # a turn is fitted to the part that a still is fitted to
         part, view, series = view.part, replace(view, part=None), len(scenes) if len(scenes) > 1 else 0
         same: dict[str, Any] = {"settings": settings, "view": view, "scissors": scene.file.scissors}

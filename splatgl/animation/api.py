@@ -141,7 +141,7 @@ def write_animation(
     with _told_if_stopped(frames, wanted):
         if todo and by.are_used:
             require_built_in(animation.job.settings.kernel)
-            how.check_supported("workers", "frames that are drawn by this process", "--workers")
+            how.check_supported("workers", "frames rendered by this process", "--workers")
             with by.connected(None if quiet else print) as client:
                 drawn = animation.drawn_on_workers(client, frames, todo, by.drawing)
                 _write(frames, drawn, len(todo), quiet, alike=False)

@@ -415,7 +415,7 @@ class Measure:
     """The distance between two points, or the angle at the second of three; points: world units."""
 
     points: tuple[Triple, ...] = option(
-        (), ValueKind("two points, or three of an angle, each of three finite numbers", _points)
+        (), ValueKind("two points, or three for an angle, of three finite numbers each", _points)
     )
     name: str = option("", ValueKind.instance("a text", str))
 

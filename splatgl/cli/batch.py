@@ -117,7 +117,7 @@ def outputs_of(named: Sequence[str], output: OutputOptions) -> list[OutputOption
     for each in outputs:
         other = first.setdefault(each.path.absolute(), each.source)
         if other is not each.source:
-            got, fix = f"{each.output} for {other} and {each.source}", "{folder} and {number} tell them apart"
+            got, fix = f"{each.output} for {other} and {each.source}", "use {folder} or {number} to make names unique"
             raise expected("-o", "a file for each source", got, fix)
     for each in outputs:
         each.check(sources)
@@ -176,7 +176,7 @@ def _on_workers(jobs: Sequence[BatchJob], how: DrawOptions, by: WorkerOptions) -
     from splatgl.distributed.workers import spread
     from splatgl.splat.kernels import require_built_in
 
-    how.check_supported("workers", "pictures that are drawn by this process", "--workers")
+    how.check_supported("workers", "pictures rendered by this process", "--workers")
     for job in jobs:
         require_built_in("auto" if isinstance(job.file, str) else job.file.settings.kernel)
     same, rest, is_quiet = None, list(jobs), jobs[0].output.is_quiet

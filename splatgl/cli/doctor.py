@@ -119,7 +119,7 @@ def _check_backend(opengl: OpenGL) -> tuple[list[str], bool]:
     try:
         ctx = open_context(opengl)
     except InputError as error:
-        return [f"nothing can be drawn: {error}"], False
+        return [f"nothing can be rendered: {error}"], False
     try:
         try:
             info, checks = context_info(ctx), run_checks(ctx)
@@ -149,7 +149,7 @@ def _check_images(opengl: OpenGL) -> tuple[list[str], bool]:
         results = {name: _check_image(renderer, name, *image) for name, image in _images(tiles).items()}
     enabled = "compute shaders: draws by tiles, quads and streaks"
     if not tiles:
-        enabled = "no compute shaders, which OpenGL 4.3 has: draws by quads, which takes longer, and streaks"
+        enabled = "no compute shaders (OpenGL 4.3): only quads, which are slower, and streaks"
     return [f"  {enabled}", *(line for line, _ in results.values())], all(right for _, right in results.values())
 
 

@@ -87,7 +87,7 @@ def summary(output: Path, image: Image, scene: OpenScene) -> str:
             f"transfer function: {_transfer(scene.file, scene.volume, scene.transfer)}",
             f"view: {_view(scene.file, scene.volume, image)}",
             f"drawn in {info['seconds']:.2f} s by {by}; {_error(image)}{_cues(image)}",
-            *[f"beside {wide:,} missing samples matter is up to a voxel too wide, as they are not masked"] * bool(wide),
+            *[f"edges next to {wide:,} missing samples may be a voxel too wide, as they are not masked"] * bool(wide),
         ]
     )
 

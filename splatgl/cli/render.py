@@ -81,7 +81,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.description = f"{parser.description}\n\n{EXAMPLES}"
     add_source(parser)
     parser.add_argument(
-        "more", nargs="*", default=[], metavar="SOURCE", help="further sources, or a pattern: a picture of each"
+        "more", nargs="*", default=[], metavar="SOURCE", help="more sources, or a pattern: one picture per source"
     )
     about = ".png, .jpg, .svg, .pdf, .npy, .tif or .exr (default SOURCE.png); of several sources with {name}"
     parser.add_argument("-o", "--output", metavar="FILE", help=about)
@@ -89,17 +89,17 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     output = group_of(parser, HelpGroup.OUTPUT)
     add_options(parser, ViewOptions, *ON_PAPER)
-    about = "draw all sources with the camera of the first, and in one look: of the values that spread most"
+    about = "use one camera, of the first source, and one transfer function, of the source whose values vary most"
     output.add_argument("--same", action="store_true", help=about)
-    output.add_argument(
-        "--json", action="store_true", help="print a line of JSON for each picture instead of a summary"
-    )
+    output.add_argument("--json", action="store_true", help="print one line of JSON per picture instead of a summary")
     output.add_argument(
         "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample of a PNG (default 8)"
     )
     about = "write the depth at which each pixel's ray is absorbed: .npy, .tif, .exr or .png (without -o: only that)"
     output.add_argument("--depth", metavar="FILE", help=about)
-    about = "share absorbed at that depth, 0 to 1, or largest or least value (default 0.5; max for mip, min for minip)"
+    about = (
+        "share absorbed at that depth, 0 to 1, or maximum or minimum value (default 0.5; max for mip, min for minip)"
+    )
     output.add_argument("--depth-at", type=depth_at, metavar="SHARE|max|min", help=about)
     about = "compare with this picture; write only if it differs, and exit with 1"
     output.add_argument("--ref", metavar="FILE", help=about)

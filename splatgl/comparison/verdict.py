@@ -161,7 +161,7 @@ class Pair:
     def judge(self, criteria: Criteria = Criteria()) -> Verdict:
         """The verdict, see `compare`; images of other sizes are different."""
         if self.sizes and self.mask is not None and not self.mask.any():
-            raise expected(self.names[0], "a part that counts in both pictures", f"none; {self.sizes}")
+            raise expected(self.names[0], "a region that is compared in both pictures", f"none; {self.sizes}")
         verdict = self._measured(criteria.tolerance, criteria.extra)
         if not verdict.broken:
             return verdict

@@ -254,7 +254,7 @@ def _regular_steps(
     span = float(places[-1] - places[0])
     sizes = f"{np.abs(apart).min():.4g} to {np.abs(apart).max():.4g} {axis.unit}".strip()
     if not count:
-        note = "" if _is_even(places) else f"{axis.name}: steps of {sizes} are drawn as even"
+        note = "" if _is_even(places) else f"{axis.name}: steps of {sizes} are rendered as uniform"
         return 0.0, float(np.sign(span)), None, note
     if _is_even(places):
         return float(places[0]), span / (len(places) - 1), None, ""
@@ -289,7 +289,9 @@ def _unit_factors(axes: Sequence[Coordinate], extents: Sequence[float]) -> tuple
                 f"{unit or 'unit'} of {axis.name}" for unit, axis in ((units[n], axes[n]), (units[2], axes[2]))
             )
             factor = drawn[kinds[n]] * scales[n]
-            notes.append(f"1 {unit_z} is drawn as {factor:.4g} {other}, chosen for the picture: --spacing sets another")
+            notes.append(
+                f"1 {unit_z} is rendered as {factor:.4g} {other}, chosen for the picture; --spacing changes it"
+            )
         reach.append(extents[n] * scales[n] * drawn[kinds[n]])
     factors = [drawn[kind] * scale for kind, scale in zip(kinds, scales, strict=True)]
     is_known = all(axis.unit in METRES for axis in axes)

@@ -35,7 +35,7 @@ class Points:
     def __post_init__(self) -> None:
         count = len(self.places)
         if self.places.shape != (count, 3) or self.colors.shape != (count, 3):
-            raise expected("points", "places and colours [N, 3]", f"{self.places.shape}, {self.colors.shape}")
+            raise expected("points", "positions and colours [N, 3]", f"{self.places.shape}, {self.colors.shape}")
         if not count:
             raise expected("points", "at least one with finite coordinates", "none")
         if not 0 < self.size < np.inf:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from splatgl.data.volume import Volume
     from splatgl.geometry.camera import Camera
 
-FORM = "x,y x,y x,y …: shares of the picture's width and height, with :keep to keep what lies there"
+FORM = "x,y x,y x,y …: fractions of the picture's width and height, with :keep to keep the inside"
 KEEP = ":keep"
 # corners of an outline; shares of the picture's sides up to which they lie around it
 LEAST_CORNERS, MOST_CORNERS, AROUND = 3, 1000, 10.0

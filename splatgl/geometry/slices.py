@@ -178,7 +178,7 @@ SLICES = Option(
 )
 SLICE_PLANES = Option(
     ValueKind("slices", check_planes, metavar="AXIS=PLACE[@OPACITY]", hint="str | Sequence[Any]"),
-    "show a slice as a plane in space, such as z=120 or axial@0.5. Places as of --slice; repeatable",
+    "show a slice as a plane in space, such as z=120 or axial@0.5. Positions as for --slice; repeatable",
     HelpGroup.LAYERS,
     flag="--slice-plane",
     repeat=True,
@@ -258,7 +258,7 @@ def _axis_plane(where: SlicePosition, volume: Volume, up: np.ndarray, at: float)
     index = at if not unit else at / 100 * size - 0.5
     if not -0.5 <= index <= size - 0.5:
         this = f"a voxel from 0 to {size - 1} along {'xyz'[axis]}" if not unit else "a share from 0% to 100%"
-        fix = f"{name}={at:g}{volume.unit or 'units'} is a place in the world" if not unit else ""
+        fix = f"{name}={at:g}{volume.unit or 'units'} is a position in the world" if not unit else ""
         raise expected("slice", this, repr(where.text), fix)
     return grid_plane(volume, axis, index, up, title, where.text)
 

@@ -507,7 +507,7 @@ class Osmesa:
         """Makes the context current on its small buffer; raises BackendError if OSMesa refuses."""
         side = BUFFER_SIDE
         if not self._library.OSMesaMakeCurrent(self._context, self._buffer, GL_UNSIGNED_BYTE, side, side):
-            raise BackendError("OSMesa refused to make its context current")
+            raise BackendError("OSMesa could not make its context current")
 
     def holds(self) -> bool:
         """Whether this is OSMesa's current context and no other window system has one, which would get the calls."""

@@ -218,6 +218,6 @@ def _columns(window: PixelWindow) -> list[PixelWindow]:
     """Splits a row of tiles into two halves; raises InputError for a single tile."""
     x, y, width, height = window.box
     if width <= COLUMNS:
-        raise InputError("layers: 8×8 samples of them hold more matter than there is room for; draw fewer together")
+        raise InputError("layers: these overlapping layers need too much GPU memory; hide layers or lower --size")
     part = -(-width // (2 * COLUMNS)) * COLUMNS
     return [PixelWindow(x, y, part, height), PixelWindow(x + part, y, width - part, height)]

@@ -29,7 +29,7 @@ LIMIT_UNITS = {"nearest_depth": NEAREST_UNIT, "farthest_depth": FARTHEST_UNIT}
 MATTER_UNIT, SURFACE_UNIT = 0, 1
 # a depth behind everything, in mean spacings
 NOWHERE = 1e9
-# limit of transparent surfaces behind each other
+# limit of overlapping transparent surfaces
 MOST_PEELS = 64
 # nearest depth that is rasterised, as a fraction of the farthest
 NEAREST = 1e-5
@@ -129,7 +129,7 @@ class Surfaces:
                 yield DepthLimits(before.depth, now.depth, unit), now.light
                 before, now = now, before
             else:
-                raise InputError(f"meshes: expected at most {MOST_PEELS} surfaces behind each other, got more")
+                raise InputError(f"meshes: expected at most {MOST_PEELS} overlapping transparent surfaces, got more")
             yield DepthLimits(before.depth, end.depth, unit), end.light
         finally:
             free(mapped, *(group.corners for group in (*groups[0], *groups[1])))

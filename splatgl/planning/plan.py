@@ -65,9 +65,9 @@ class MotionBlur:
         exposure, is_off = Exposure.of(camera, settings.shutter, motion), settings.motion == "off"
         is_off = is_off and (settings.moments or 1) == 1
         if is_off and motion is not None and not motion.still:
-            notes.append("motion blur left out: the setting motion is off; the picture would be another")
+            notes.append("motion blur left out: the setting motion is off (changes the picture)")
         elif exposure is None and not is_off:
-            notes.append("motion blur left out: nothing moves; the picture is the same")
+            notes.append("motion blur left out: nothing moves, the picture is the same")
         if is_off or exposure is None or motion is None:
             return cls(settings, camera)
         form = blur_form(splats, settings)
@@ -75,15 +75,20 @@ class MotionBlur:
             splats = select_splats(splats, settings, True, camera)
             count = settings.moments or count_moments(splats, camera, motion, settings.shutter)
             if settings.motion in MOTIONS:
-                notes.append(f"motion {settings.motion} left out: {settings.blend} of a streak is none of its moments")
+                notes.append(
+                    f"motion {settings.motion} left out: no streaks in blend {settings.blend}, subframes "
+                    f"are averaged instead"
+                )
             notes.append(f"motion blur: the mean of pictures at {count} times, shutter {settings.shutter:g}°")
             return cls(settings, exposure.middle, None, count)
         drawn = f"motion blur {form}, shutter {settings.shutter:g}°, on quads"
-        notes.append(f"{drawn}; its error bound is to straight streaks")
-        notes.append(f"streaks are straight: where paths bend most they are off by {exposure.bend(splats):.2g} pixels")
+        notes.append(f"{drawn}; the error bound refers to straight streaks")
+        notes.append(
+            f"streaks are straight: they deviate from curved paths by up to {exposure.bend(splats):.2g} pixels"
+        )
         count = settings.moments or 1
         if count > 1:
-            notes.append(f"the mean of {count} pictures, each streaked over its part of the paths")
+            notes.append(f"the mean of {count} pictures, each with streaks over its part of the paths")
         return cls(settings.replace(motion=form), exposure.middle, exposure, count if count > 1 else 0)
 
 
@@ -361,7 +366,7 @@ def _half_line(splats: Splats, view: GridView, align: str, exposure: Exposure | 
         return False
     near = eye_is_near(splats, view, exposure)
     if near and view.kernel is not BOX and has_negative(view.kernel.name):
-        what = f"kernel {view.kernel.name}, which is negative somewhere"
+        what = f"kernel {view.kernel.name}, which has negative values"
         raise expected(what, "an eye outside of all kernels", "one inside", "move it away")
     if not near:
         notes.append("half lines left out: the eye is in no kernel; the picture is the same")
@@ -426,7 +431,7 @@ class SettingsUse:
 
 # settings, whether the plan of a layer uses them, and the reason if no layer does
 NEEDS: tuple[tuple[tuple[str, ...], Callable[[SettingsUse], bool], str], ...] = (
-    (OF_SPLATS, lambda use: len(use.plan.splats) > 0, "only meshes are drawn"),
+    (OF_SPLATS, lambda use: len(use.plan.splats) > 0, "only meshes are rendered"),
     (("samples",), lambda use: use.given.antialias == "supersample", "antialias is not supersample"),
     (("z_s",), lambda use: use.plan.program.align == "hybrid", "align is not hybrid, or the view is parallel"),
     (
@@ -436,14 +441,18 @@ NEEDS: tuple[tuple[tuple[str, ...], Callable[[SettingsUse], bool], str], ...] = 
     ),
     (("mip_attenuation",), lambda use: use.appearance.join == "attenuated", "blend is not attenuated-mip"),
     (("table_size",), lambda use: use.plan.program.footprint in ("table", "radial"), "footprints are no table"),
-    (("kernel",), lambda use: use.given.kernel in (use.plan.kernel.name, FREE), "voxels of labels are drawn as boxes"),
+    (
+        ("kernel",),
+        lambda use: use.given.kernel in (use.plan.kernel.name, FREE),
+        "voxels of labels are rendered as boxes",
+    ),
     (("shading",), lambda use: use.given.shading == "off" or use.is_lit or use.meshes, "there are no surfaces"),
     (LIGHT, lambda use: use.shows_light, "nothing is shaded"),
-    (("ambient_occlusion",), lambda use: use.appearance.sky, "no matter is drawn in blend composite"),
+    (("ambient_occlusion",), lambda use: use.appearance.sky, "nothing is rendered in blend composite"),
     (
         ("shadows",),
         lambda use: use.appearance.shadows or use.meshes,
-        "shadows are of blend composite, and of a light beside the eye",
+        "shadows need blend composite, and a light that is not at the camera",
     ),
     (
         ("compositing",),

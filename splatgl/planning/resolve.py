@@ -228,14 +228,14 @@ def kernel_name(splats: Splats, settings: Settings) -> str:
 
 
 def _check_sum(name: str, splats: Splats, settings: Settings, moving: bool) -> None:
-    """Raises InputError for pictures that a kernel cannot draw which is negative somewhere: 1 − exp(−τ) of a splat
+    """Raises InputError for pictures that a kernel cannot draw which has negative values: 1 − exp(−τ) of a splat
     whose τ is negative is no opacity, means of values may divide by 0, and streaks have no negative energy.
     """
     this = "blend xray of still voxels classified before, where depths add up"
     how = ", classified after" * (splats.post is not None) + ", motion blur" * moving
     if not settings.is_sum or how:
         got = f"blend {settings.blend}{how}"
-        raise expected(f"kernel {name}, which is negative somewhere", this, got, "b-spline is sharp without that")
+        raise expected(f"kernel {name}, which has negative values", this, got, "b-spline is sharp without that")
 
 
 def _sheets(splats: Splats, settings: Settings, view: GridView, moving: bool, notes: list[str]) -> Sheets | None:
@@ -249,7 +249,7 @@ def _sheets(splats: Splats, settings: Settings, view: GridView, moving: bool, no
     why = None if settings.compositing == "sheets" else why_per_splat(settings, moving)
     if not post and (why or moving or not settings.hides):
         if why and settings.compositing == "auto" and settings.hides:
-            notes.append(f"sheets left out: {why} takes splats one by one; the picture would be another")
+            notes.append(f"sheets left out: {why} needs compositing of single splats (changes the picture)")
         return None
     if settings.attenuation == "opacity":
         raise expected("attenuation", "optical-depth or fill, which add up within sheets", "opacity")
@@ -263,7 +263,7 @@ def _sheets(splats: Splats, settings: Settings, view: GridView, moving: bool, no
     many = f"at most {MOST_SHEETS:,} sheets and {MOST_KEPT:,} splats"
     if post:
         raise expected("splats", many, f"{last - first + 1:,} and {len(splats):,}", "take a part of the volume")
-    notes.append(f"sheets left out: they take {many}; the picture would be another")
+    notes.append(f"sheets left out: they take {many} (changes the picture)")
     return None
 
 
@@ -337,7 +337,7 @@ def _shading(splats: Splats, settings: Settings, notes: list[str]) -> bool:
     if settings.shading != "auto":
         return settings.shading == "on"
     if splats.shaded and not settings.hides:
-        notes.append(f"shading left out: {settings.blend} shows values, not surfaces; the picture would be another")
+        notes.append(f"shading left out: {settings.blend} shows values, not surfaces (changes the picture)")
         return False
     return splats.shaded
 
@@ -357,14 +357,14 @@ def _cues(
     if not names or not len(splats):
         return None
     if not settings.hides:
-        why = f"{settings.blend} shows values, not surfaces; the picture would be another"
+        why = f"{settings.blend} shows values, not surfaces (changes the picture)"
         notes.append(f"{' and '.join(names).replace('_', ' ')} left out: {why}")
         return None
     toward = None
     if settings.shadows > 0:
         direction = light.within(camera)
         if direction is None:
-            notes.append("shadows left out: those of a light at the eye are not seen")
+            notes.append("shadows left out: the light is at the camera")
         else:
             toward = -direction
     if not settings.ambient_occlusion and toward is None:
@@ -450,7 +450,7 @@ def why_per_splat(settings: Settings, moving: bool) -> str | None:
         if getattr(settings, name) == value:
             return f"{name} {value}"
     if settings.kernel != "auto" and has_negative(settings.kernel):
-        return f"kernel {settings.kernel}, which is negative somewhere,"
+        return f"kernel {settings.kernel}, which has negative values,"
     return why_not_front_to_back(settings)
 
 
@@ -560,13 +560,13 @@ def select_with_notes(
     """
     selected = select_splats(splats, settings, moving, camera)
     if selected.skipped_interior:
-        notes.append(f"inner voxels left out: less than {LIGHT:.1g} of their light leaves the matter around them")
+        notes.append(f"hidden voxels left out: they add less than {LIGHT:.1g}")
     if selected.post is not None:
         return selected, None
     if splats.source is None or settings.classification != "auto":
         return selected, "classification pre"
     why = splats.source.only_pre or why_per_splat(settings, moving) or f"more than {MOST_KEPT:,} values"
-    notes.append(f"classification after reconstruction left out: {why}; the picture would be another")
+    notes.append(f"classification after reconstruction left out: {why} (changes the picture)")
     return selected, why
 
 

@@ -118,7 +118,7 @@ def _why_not_streaks(request: TechniqueRequest) -> str | None:
     if request.sheets:
         return "sheets"
     if request.settings.shows_value:
-        return "the mean of maxima is no maximum of streaks"
+        return "blends of one value per ray"
     return None
 
 
@@ -155,7 +155,7 @@ def choose_technique(request: TechniqueRequest, notes: list[str]) -> str:
     if refused:
         raise expected("sheets", "what quads can draw", refused, "composite splats, classified before reconstruction")
     if request.tiles:
-        notes.append(f"tiles left out: {why}; quads are drawn")
+        notes.append(f"tiles left out: {why}; quads are used")
     return "quads"
 
 

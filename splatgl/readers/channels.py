@@ -18,9 +18,9 @@ from splatgl.readers.options import LoadOptions
 # most channels of an image: a damaged header may state any number
 MOST_CHANNELS = 4096
 # notes on the rules by which components are read
-COLOR_NOTE = "three or four bytes per voxel are taken for a colour: --channel N picks one"
-VECTOR_NOTE = "three numbers per voxel are taken for a vector, and its length is drawn: --channel N picks one"
-MAGNITUDE_NOTE = "complex numbers are drawn by their magnitude"
+COLOR_NOTE = "three or four bytes per voxel are read as a colour: --channel N picks one"
+VECTOR_NOTE = "three numbers per voxel are read as a vector, whose length is rendered; --channel N picks one"
+MAGNITUDE_NOTE = "complex numbers are rendered by their magnitude"
 # advice in the note on a time point that is read without option
 TIME_HINT = "--time picks another"
 
@@ -134,7 +134,7 @@ def magnitudes(values: np.ndarray) -> np.ndarray:
 
 
 def is_color_rule(dtype: np.dtype, count: int) -> bool:
-    """Whether `count` components of a voxel, without a stated meaning, are taken for a colour: three or four bytes."""
+    """Whether `count` components of a voxel, without a stated meaning, are read as a colour: three or four bytes."""
     return dtype == np.uint8 and count in (3, 4)
 
 

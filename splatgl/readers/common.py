@@ -105,7 +105,7 @@ def map_array(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) ->
     If the file is truncated later, reading the array's missing pages crashes the process.
     """
     if offset < 0:
-        raise expected("data", "a place in the file", f"byte {offset}", "the header is damaged")
+        raise expected("data", "a position in the file", f"byte {offset}", "the header is damaged")
     require_bytes(byte_count(shape, dtype), path.stat().st_size - offset)
     with decoder_errors("mapped samples"):
         return np.memmap(path, dtype=dtype, mode="r", offset=offset, shape=tuple(int(size) for size in shape))
@@ -188,7 +188,7 @@ def find_data_file(header: Path, name: str, anywhere: bool) -> Path:
         if not inside:
             raise expected("data file", "a file inside the header's folder", repr(name), fix)
     if not path.is_file():
-        raise expected("data file", "a file beside the header", f"nothing named {name!r}", "copy it there")
+        raise expected("data file", "a file next to the header", f"nothing named {name!r}", "copy it there")
     return path
 
 

@@ -135,7 +135,7 @@ def _read_directory(file: Any, at: int, there: int) -> list[_Tile]:
 def _seek(file: Any, at: int) -> tuple[str, int, int]:
     """Name, reserved and used bytes of the segment at a place, at whose data the file is left."""
     if at < 0:
-        raise expected("segment", "a place in the file", f"byte {at}", "the file is damaged")
+        raise expected("segment", "a position in the file", f"byte {at}", "the file is damaged")
     file.seek(at)
     name, reserved, used = _SEGMENT.unpack(file.read(_SEGMENT.size))
     return name.rstrip(b"\0").decode("ascii"), reserved, used

@@ -60,7 +60,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
         notes.append(f"series {which} is read, the largest; series=N picks another")
     for kind, title in SEGMENTS.items():
         count = sum(head.modality == kind for head in contents.segments)
-        note = f"{title} in {count} files ({kind}) beside the images are not drawn: --labels FILE adds one"
+        note = f"{title} in {count} files ({kind}) next to the images are not rendered; --labels FILE adds one"
         notes += [note] * bool(count)
     group, left = largest_group(series.frames)
     for head in {id(frame.header): frame.header for frame in group}.values():
@@ -340,9 +340,9 @@ def _select_images(
     if most == 1 or most != least:
         for name in ("array", "time"):
             if getattr(options, name) is not None:
-                raise expected(name, "a series with as many images at each place", f"{least} to {most}")
+                raise expected(name, "a series with the same number of images at each position", f"{least} to {most}")
         repeated = sum(map(len, ordered)) - len(ordered)
-        note = f"{repeated} images repeat the place of another: the first of each is read"
+        note = f"{repeated} images have the position of another one; the first of each is read"
         return [images[0] for images in ordered], (note,) if repeated else (), 1, None
     number = options.time_number(most)
     # the numbers of each kind; those of the first tag that differ everywhere
@@ -359,7 +359,7 @@ def _select_images(
     shown = () if timed else values.get(kind, ())[:MOST_LISTED]
     listed = f" ({', '.join(f'{value:g}' for value in shown)})" if shown and kind != "images" else ""
     option = "time" if timed else "array"
-    note = f"{most} {kind} at each place{listed}: number {number} is read; {option}=N picks another"
+    note = f"{most} {kind} at each position{listed}: number {number} is read; {option}=N picks another"
     return chosen, () if picked else (note,), most if timed else 1, _time_step(values) if timed else None
 
 
@@ -394,7 +394,7 @@ def _plane_numbers(along: np.ndarray, frames: Sequence[DicomFrame]) -> np.ndarra
                 return None
             missing = int(steps.sum()) - len(apart)
             if missing > len(along):
-                fix = "pick another series, or leave out the slices that lie apart"
+                fix = "pick another series, or remove the slices at other distances"
                 raise expected(
                     "slices", "at most as many missing as existing ones", f"{missing} missing of {len(along)}", fix
                 )
@@ -460,7 +460,7 @@ def _check_line(indices: np.ndarray, positions: np.ndarray, origin: np.ndarray, 
     if missing:
         notes.append(f"{missing} of {indices[-1] + 1} slices are missing: left empty")
     if off > EVEN:
-        notes.append(f"uneven slices: drawn {length:.4g} mm apart, which is off by up to {off * length:.3g} mm")
+        notes.append(f"uneven slices: rendered {length:.4g} mm apart, an error of up to {off * length:.3g} mm")
     return tuple(notes)
 
 
@@ -520,7 +520,7 @@ def find_series(path: Path) -> DicomContents:
     """The series and segments of a path. Raises InputError, which says what else is there, if there are none."""
     files = find_sources(path)
     if not files:
-        raise expected("DICOM", "DICOM files", "none", "name the folder or file that holds them")
+        raise expected("DICOM", "DICOM files", "none", "give the folder or file that contains them")
     members: dict[str, list[DicomFrame]] = {}
     others: list[DicomHeader] = []
     failed: list[InputError] = []
@@ -529,7 +529,7 @@ def find_series(path: Path) -> DicomContents:
             head, tags = read_header(source)
             is_image = min(head.size) > 0 and head.modality not in OTHERS
             if is_image and not head.pixels:
-                raise expected("file", "pixels after its header", "none", "it is cut short, or holds no image")
+                raise expected("file", "pixels after its header", "none", "it is truncated, or contains no image")
             file_frames = list_frames(head, tags) if is_image else []
         except InputError as error:
             if len(files) == 1 or "splatgl[" in str(error):

@@ -335,7 +335,7 @@ def _ignored_notes(tags: Any, count: int) -> tuple[str, ...]:
     """Notes on header entries of a file of `count` frames that do not affect its volume."""
     views = [str(kind) for kind in tags.get("ImageType") or ()][2:3]
     notes = {
-        "overlays in the file are not drawn": OVERLAY in tags,
+        "overlays in the file are not rendered": OVERLAY in tags,
         "values are not mapped to real-world units, for which the file has a table": _real_world(tags) is not None
         and tags.get("SOPClassUID") != PARAMETRIC_MAP,
         "the frames are views from around the patient, not slices: stacked as they come": tags.get("Modality") == "NM"

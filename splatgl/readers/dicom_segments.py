@@ -196,7 +196,7 @@ def _frame_masks(
                 masks_by_plane[plane] = masks_by_plane[plane] | mask if plane in masks_by_plane else mask
         yield from masks_by_plane.items()
 
-    return grid, masks, ("fractions of segments are drawn from a half on",) * (kind == "FRACTIONAL")
+    return grid, masks, ("fractions of segments are rendered from one half on",) * (kind == "FRACTIONAL")
 
 
 def _frame_segments(tags: Any, count: int) -> list[int]:

@@ -90,7 +90,7 @@ def find_mosaic(tags: Any, rows: int, columns: int) -> tuple[Mosaic, tuple[str, 
     tiles = int(counts[0]) if counts else (rows // int(size[1])) ** 2 if is_mosaic and size else 0
     side = math.isqrt(max(tiles, 1) - 1) + 1
     if not 1 < tiles <= MOST_TILES or rows % side or columns % side or 0 in (rows, columns):
-        note = "a mosaic is drawn as it is: the header states no number of slices that fits"
+        note = "a mosaic is rendered as one image: the header states no valid number of slices"
         return Mosaic((rows, columns)), (note,) * is_mosaic
     normal = csa_numbers(tags, "SliceNormalVector")
     normal = normal if len(normal) == 3 else ()

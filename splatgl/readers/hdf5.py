@@ -200,7 +200,7 @@ def choose_dataset(
     named = default(list(volumes))
     if named is not None:
         others = ", ".join(name for name in volumes if name != named)
-        return volumes[named], (f"{named} is drawn, the file's default; --array picks another: {others}",)
+        return volumes[named], (f"{named} is rendered, the file's default; --array picks another: {others}",)
     listed = ", ".join(f"{name} {_join_shape(node.shape or ())}" for name, node in nodes.items()) or "no dataset"
     if not volumes:
         raise expected("datasets", "one of numbers with three axes of space", listed)

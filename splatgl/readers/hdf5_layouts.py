@@ -192,7 +192,7 @@ def _velox_grid(dataset: Any, parent: Any) -> tuple[CoordinateGrid, None] | None
         return None
     if about.get("PixelUnitX") != "m" or not 0 < min(width, height) < np.inf:
         return None
-    return _plain_grid(np.diag([width, height, width]), np.zeros(3), "nm", "frames are drawn one pixel apart"), None
+    return _plain_grid(np.diag([width, height, width]), np.zeros(3), "nm", "frames are rendered one pixel apart"), None
 
 
 def _numbers(parent: Any, name: str, default: np.ndarray) -> np.ndarray:

@@ -187,7 +187,7 @@ def _mask_missing(heights: np.ndarray, missing: float | None) -> tuple[np.ndarra
         holes, why = np.isin(values, (missing, same)), f"no data ({missing:g})"
     else:
         fills = custom_fills(np.sort(values[np.isfinite(values)]))[0]
-        holes, why = np.isin(values, fills), f"{format_numbers(fills)}, which by custom means no data,"
+        holes, why = np.isin(values, fills), f"{format_numbers(fills)}, the usual mark of missing data,"
     holes &= np.isfinite(values)
     count = int(np.count_nonzero(holes))
     values = np.where(holes, np.nan, values)
@@ -219,8 +219,8 @@ def classify_picture(path: Path, pixels: np.ndarray, options: LoadOptions, surve
         return True, ""
     plane = not HEIGHTS.search(file_name) and bool(PLANES.search(file_name) or _is_dark(pixels))
     if plane:
-        return False, "a single picture is drawn as a plane: --values heights draws it as a terrain"
-    return True, "a single picture is drawn as heights of a terrain: --values amounts draws it as a plane"
+        return False, "a single picture is rendered as a plane; --values heights renders it as a terrain"
+    return True, "a single picture is rendered as a terrain; --values amounts renders it as a plane"
 
 
 def _is_dark(pixels: np.ndarray) -> bool:

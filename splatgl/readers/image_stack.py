@@ -168,8 +168,8 @@ def _missing_notes(texts: list[str]) -> list[str]:
     if not missing or len(missing) > len(numbers):
         return []
     if len(missing) == 1:
-        return [f"number {missing[0]} is missing: the slices around it are drawn as neighbours"]
-    return [f"numbers {list_names(missing, 5)} are missing: the slices around them are drawn as neighbours"]
+        return [f"number {missing[0]} is missing: the slices around it are rendered as neighbours"]
+    return [f"numbers {list_names(missing, 5)} are missing: the slices around them are rendered as neighbours"]
 
 
 # --- samples ----------------------------------------------------------------------------------------------------------

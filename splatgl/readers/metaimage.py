@@ -113,7 +113,7 @@ def _direction(fields: Fields) -> tuple[np.ndarray, str | None, tuple[str, ...]]
         return (np.eye(3), None, ()) if lettered is None else (lettered, "LPS", ())
     # the letters must name the nearest axes of the matrix
     agrees = lettered is None or (lettered * stated).sum(axis=0).min() > 0.5
-    note = f"AnatomicalOrientation {letters} is not what TransformMatrix says, which is taken"
+    note = f"AnatomicalOrientation {letters} contradicts TransformMatrix, which is used"
     return stated, "LPS", () if agrees else (note,)
 
 

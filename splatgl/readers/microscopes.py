@@ -152,7 +152,7 @@ def read_image(path: Path, form: str, images: Sequence[MicroscopeImage], options
     with decoder_errors(form):
         array = image.load()
     volume = mark_microscope(channel_set.volume(options, read_one))
-    gap = f"{image.missing} planes are not in the file, and are drawn as 0"
+    gap = f"{image.missing} planes are missing in the file, and are rendered as 0"
     return replace(volume, notes=(*notes, *[gap] * bool(image.missing), *volume.notes))
 
 

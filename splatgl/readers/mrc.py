@@ -53,7 +53,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     stack = samples.reshape(volumes, columns[0] // volumes, *columns[1:])
     samples = stack[options.index(stack.shape, {0: "array"})]
     pictures = int(header["ispg"]) == 0 and int(header["mz"]) == 1 and len(samples) > 1
-    notes = ("by its header a stack of pictures, not of slices: drawn as slices",) * pictures
+    notes = ("the header states a stack of pictures, not of slices; it is rendered as slices",) * pictures
     if int(header["mode"]) not in _REAL:
         notes = (*notes, MAGNITUDE_NOTE)
         require_memory(byte_count(samples.shape, np.dtype(np.float32)), path.stat().st_size)

@@ -225,7 +225,7 @@ def _open_samples(
         raise expected("samples", "numbers or colours", dtype, "convert the file to one number per voxel")
     check_sizes(shape)
     if start < 0:
-        raise expected("vox_offset", "a place in the file", start, "the header is damaged")
+        raise expected("vox_offset", "a position in the file", start, "the header is damaged")
     needed, there, packed = start + byte_count(shape, dtype), path.stat().st_size, is_packed(path)
     if packed:
         with path.open("rb") as file:
@@ -286,7 +286,7 @@ def _affine(header: Any) -> tuple[np.ndarray | None, tuple[str, ...]]:
         matrix, other = (matrix for _, matrix in grids)
         far = float(np.linalg.norm(corners @ (other - matrix).T, axis=1).max())
         if far > _SAME_PLACE * np.linalg.norm(matrix[:3, :3], axis=0).min():
-            notes.append(f"the sform places the grid; the qform differs from it by up to {far:.3g}")
+            notes.append(f"the sform is used; the qform differs from it by up to {far:.3g}")
     return grids[0][1] if grids else None, tuple(notes)
 
 
@@ -341,7 +341,7 @@ def _volume_of(
     if intent != _LABELS:
         return volume
     rounded = volume.rounded()
-    note = "fractions are drawn as amounts, though the file's intent is labels"
+    note = "fractions are rendered as amounts, although the file's intent is labels"
     return replace(volume, notes=(*volume.notes, note)) if rounded is None else replace(rounded, labels=())
 
 

@@ -420,7 +420,7 @@ def _grid(header: Header, space: list[int]) -> tuple[np.ndarray, np.ndarray, tup
     stated = np.isfinite(_axis_field(header, space, "spacings")) | taken
     unknown = [axis for axis, known in zip("xyz", stated, strict=True) if not known]
     guessed = any(word not in ("cell", "node") for word, by in zip(centerings, taken, strict=True) if by)
-    note = "axis mins and maxs are taken for the faces of the grid: the file does not tell its centers"
+    note = "axis mins and maxs are read as faces of the grid: the file does not state its centers"
     notes = (note,) * guessed
     if "spacings" in header and unknown:
         notes = (*notes, f"the file states no spacing along {', '.join(unknown)}: 1 is taken")

@@ -234,7 +234,7 @@ def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tu
     attributes = _metadata(group)
     if options.array is not None:
         if options.well is not None or options.field is not None:
-            raise expected("array", "none beside well and field", repr(options.array), "leave it out")
+            raise expected("array", "none together with well and field", repr(options.array), "leave it out")
         name = _plain(str(options.array))
         node = group.get(name) if name else group
         if isinstance(node, zarr.Group):
@@ -412,7 +412,7 @@ def find_labels(path: Path, options: LoadOptions, name: str) -> str:
         image, _, _ = _select_image(group, options, None)
         names = list_labels(image)
         if name not in names:
-            this = f"a file, or one of {list_names(names) or 'the labels beside an image'}"
+            this = f"a file, or one of {list_names(names) or 'the labels of an image'}"
             raise expected("labels", this, repr(name))
         return _plain(f"{image.path[len(group.path) :]}/labels/{name}")
 
@@ -518,7 +518,9 @@ def _describe_array(array: Any) -> str:
 def _index(shape: Sequence[int], names: list[str], options: LoadOptions) -> tuple[int | slice, ...]:
     long = [axis for axis, name in enumerate(names) if name not in "zyxt" and shape[axis] > 1]
     if len(long) > 1:
-        raise expected("axes", "one axis beside z, y, x and t", [names[axis] for axis in long], "save a part of it")
+        raise expected(
+            "axes", "one axis in addition to z, y, x and t", [names[axis] for axis in long], "save a part of it"
+        )
     picked: dict[int, str | int] = {axis: 0 for axis, name in enumerate(names) if name not in SPACE}
     picked |= {axis: "time" for axis, name in enumerate(names) if name == "t" and shape[axis] > 1}
     return options.index(shape, picked | dict.fromkeys(long, "channel"))

@@ -44,7 +44,7 @@ CONVERTERS = {
     ".grb": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     ".grib": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     ".grib2": "convert it with: cdo -f nc4 copy OLD NEW.nc",
-    ".n5": "save it as OME-Zarr with Fiji (Export to N5/Zarr/OME-NGFF): no Python library that is kept up reads N5",
+    ".n5": "save it as OME-Zarr with Fiji (Export to N5/Zarr/OME-NGFF): no maintained Python library reads N5",
     **dict.fromkeys((".7z", ".gz", ".bz2", ".xz", ".zst"), "unpack it"),
 }
 
@@ -173,7 +173,7 @@ class LoadOptions:
     array: str | int | None = _option(
         None,
         ValueKind("a name or a number", _text, hint="str | int"),
-        "array, block or step of a file that holds several",
+        "array, block or step of a file with several",
     )
     channel: int | str | None = _option(
         None,
@@ -226,7 +226,7 @@ class LoadOptions:
     values: str | None = _option(
         None,
         ValueKind.choice(VALUES, "labels, amounts or heights"),
-        "meaning of samples. Default: as the file says, else labels if equal samples lie in flat areas",
+        "meaning of samples. Default: as the file says, else labels if equal samples form flat areas",
     )
     point_size: float | None = _option(
         None,
@@ -306,7 +306,7 @@ class LoadOptions:
     def time_number(self, count: int) -> int:
         """The time point below `count`: `time`, else `array`, else the first. InputError if both are given."""
         if self.time is not None and self.array is not None:
-            raise expected("array", "none beside time", repr(self.array), "leave one of them out")
+            raise expected("array", "none together with time", repr(self.array), "leave one of them out")
         if self.time is not None and self.point >= count:
             raise expected("time", f"a number from 0 to {count - 1}", self.time)
         return self.point if self.time is not None else self.array_number(count) or 0

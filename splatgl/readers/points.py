@@ -93,7 +93,7 @@ def _make_volume(places: np.ndarray, values: Values, unit: str, options: LoadOpt
     notes: tuple[str, ...] = ()
     if not finite.all():
         left = f"{len(places) - int(finite.sum()):,} of {len(places):,} points"
-        notes = (f"{left} have no place or are withheld, and are left out",)
+        notes = (f"{left} have no position or are withheld, and are skipped",)
         values, places = {name: value[finite] for name, value in values.items()}, places[finite]
     if not len(places):
         raise expected("points", "at least one with finite coordinates", "none")
@@ -136,7 +136,7 @@ def _find_colors(values: Values, array: str | int | None) -> tuple[np.ndarray, t
     if array is None and "f_dc_2" in values:
         base = np.stack([values[f"f_dc_{n}"] for n in range(3)], axis=1)
         colors = linear_from_srgb(np.clip(0.5 + HARMONIC * base, 0, 1)).astype(np.float32)
-        return colors, ("3-D Gaussian splats are drawn as points of one size, in their mean colours",)
+        return colors, ("3-D Gaussian splats are rendered as points of one size, in their mean colours",)
     intensity = values.get("intensity")
     name = str(array) if array else "intensity" if intensity is not None and np.ptp(intensity) > 0 else "height"
     notes = () if array else (f"without colours the points show their {name}: --array picks another",)

@@ -119,7 +119,7 @@ def _read_files(path: Path, tiff: Any, pixels: Element, planes: Planes, options:
     there = {name: (path.parent / name).is_file() for name, _ in planes.values()}
     lost = channels * times * depth - sum(there[name] for name, _ in planes.values())
     notes = [f"planes are in {len(there)} files of the folder"]
-    notes += [f"{lost} planes are in files that are not here, and are drawn as 0"] * bool(lost)
+    notes += [f"{lost} planes are in missing files, and are rendered as 0"] * bool(lost)
 
     def read_one(channel: int | None) -> Volume:
         require_memory(byte_count((depth, *shape), dtype), path.stat().st_size * len(there))
@@ -201,7 +201,7 @@ def value_notes(page: Any) -> list[str]:
     notes = {
         str(calibration): calibration is not None,
         "values are as they are stored, though the file shows 0 as white": page.photometric.name == "MINISWHITE",
-        "values are numbers of colours in the file's table, which is not applied": page.photometric.name == "PALETTE"
+        "values are indices of the file's colour table, which is not applied": page.photometric.name == "PALETTE"
         and not page.parent.is_imagej,
         "rows and columns are as stored: the tag of their orientation is not applied": _orientation(page) != 1,
         MAGNITUDE_NOTE: page.dtype is not None and page.dtype.kind == "c",

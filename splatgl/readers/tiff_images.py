@@ -318,11 +318,11 @@ def plane_step(pixels: Element) -> tuple[float, str, str]:
     unit = unit if unit in METRES else ""
     if np.abs(steps - step).max() > UNEVEN * abs(step):
         apart = f"{steps.min():.4g} to {steps.max():.4g} {unit}".strip()
-        return 0.0, "", f"planes are {apart} apart by their positions, and are drawn evenly"
-    note = "planes run down by their positions: the first is drawn lowest all the same" if step < 0 else ""
+        return 0.0, "", f"planes are {apart} apart by their positions, and are rendered evenly"
+    note = "planes descend by their positions; the first is rendered lowest all the same" if step < 0 else ""
     stated, of = _positive_number(pixels.get("PhysicalSizeZ")), unit_name(pixels.get("PhysicalSizeZUnit", "um"))
     if stated and unit and of in METRES and abs(abs(step) * METRES[unit] / (stated * METRES[of]) - 1) > OTHER_STEP:
-        note = f"planes are {abs(step):.4g} {unit} apart by their positions, but drawn {stated:.4g} {of} apart"
+        note = f"planes are {abs(step):.4g} {unit} apart by their positions, but rendered {stated:.4g} {of} apart"
     return abs(step), unit, note
 
 
@@ -345,7 +345,7 @@ def read_survey(page: Any) -> HeightMetadata | None:
     if step and keys.get(MODEL) == GEOGRAPHIC:
         middle = top + (1 if is_south_first else -1) * step[1] * page.shape[0] / 2
         step = (step[0] * DEGREE * max(math.cos(math.radians(middle)), 1e-3), step[1] * DEGREE)
-        notes = (f"degrees are drawn as metres at latitude {middle:.4g}°",)
+        notes = (f"degrees are converted to metres at latitude {middle:.4g}°",)
     elif step and unit:
         step = (step[0] * length, step[1] * length)
     slope, offset = (parse_number(items.get(name), default) for name, default in (("scale", 1.0), ("offset", 0.0)))

@@ -115,7 +115,7 @@ def select_arrays(points: Sequence[PointArray], cells: Sequence[PointArray], opt
     others = [array.name for array in every if array.name != chosen.name]
     notes = (COLOR_NOTE,) * (color is not None) + (VECTOR_NOTE,) * (is_field > chosen.is_vectors)
     if options.array is None and others:
-        notes += (f"array {chosen.name} of {len(every)} is drawn; --array picks another: {list_names(others)}",)
+        notes += (f"array {chosen.name} of {len(every)} is rendered; --array picks another: {list_names(others)}",)
     for mark in marks[in_cells]:
         hidden = (mark.read()[..., 0] & (HIDDEN_CELL if in_cells else HIDDEN_POINT)) != 0
         if hidden.any():

@@ -86,7 +86,7 @@ def encode(figure: Figure, suffix: str, about: Mapping[str, str], maker: str, dp
 PANEL, HEIGHT = 3.1, 3.5
 FIRST = 1.35
 TITLES = {
-    "reference": "how right it is drawn: against the float64 reference",
+    "reference": "rendering error, against the float64 reference",
     "sampled": "with antialiasing: against supersampling",
     "integral": "with splatting itself: against the ray integral",
     "field": "with classification: against the field itself",

@@ -198,7 +198,7 @@ for _axis in (
     ),
     MethodAxis(
         "settings",
-        "the practical settings of 1998, with their 8 bits and without, and the splats that are drawn exactly",
+        "the practical settings of 1998, with and without their 8 bits, and exact splats",
         (
             Method(EXACT),
             Method(PAPER, paper=True, label="paper 1998"),

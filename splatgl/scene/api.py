@@ -278,12 +278,16 @@ def scene_of(x: Any, transfer: Any, camera: Any, settings: Any, keywords: Mappin
     options, (transfer, camera, settings) = ungrouped(keywords, transfer, camera, settings)
     if is_scene(x):
         if transfer is not None:
-            raise expected("transfer", "none beside a scene, whose layers have theirs", type(transfer).__name__)
+            raise expected(
+                "transfer", "none together with a scene, whose layers have their own", type(transfer).__name__
+            )
         return _layers_view(x, camera, settings, options)
     rest, transfer = by_fields(options, Transfer, SceneFile, LoadOptions), _transfer(transfer)
     beside = [name for name in ("preset", "file") if rest.get(name)]
     if beside and transfer:
-        raise expected(beside[0], "none beside a transfer function", repr(rest[beside[0]]), "leave one of them out")
+        raise expected(
+            beside[0], "none together with a transfer function", repr(rest[beside[0]]), "leave one of them out"
+        )
     drawing, are_splats = names_of(ViewOptions, Settings), is_instance(x, "Splats")
     if rest.get("annotate") is None:
         rest.pop("annotate", None)
@@ -306,7 +310,7 @@ def scene_of(x: Any, transfer: Any, camera: Any, settings: Any, keywords: Mappin
         scene = replace(scene, settings=settings)
     if camera is not None:
         if viewing := [name for name in names_of(ViewOptions) if name in rest]:
-            raise expected("options", "no view beside a camera", ", ".join(viewing), "leave one of them out")
+            raise expected("options", "no view together with a camera", ", ".join(viewing), "leave one of them out")
         scene = replace(scene, view=ViewOptions(camera.size, fixed=camera))
     scene = scene.with_transfer(transfer).with_options(**rest)
     if are_splats:

@@ -81,17 +81,17 @@ class DrawOptions:
             written="a number of pixels, or seconds such as 0.5s",
             hint="int | float | str",
         ),
-        "number of random pixels to compare with float64, or seconds such as 0.5s for them (0: none; default: 60, of "
+        "verify this number of random pixels against float64, or for a time such as 0.5s (0: none; default: 60, of "
         "large volumes 10, with --field or without a bound)",
     )
     check_field: bool = _accuracy(
         False,
         ValueKind.flag(),
-        "also compare some pixels with the field that the picture shows",
+        "also compare some pixels with the volume rendering integral",
         flag="--field",
         bare=True,
     )
-    explain: bool = _accuracy(False, ValueKind.flag(), "print what is drawn, what is left out, and why", bare=True)
+    explain: bool = _accuracy(False, ValueKind.flag(), "print what is rendered, what is skipped, and why", bare=True)
     savings: bool = _speed(False, ValueKind.flag(), "also measure the time saved by each skipped step", bare=True)
 
     def __post_init__(self) -> None:
@@ -171,7 +171,7 @@ class WorkerOptions:
         if self.devices and self.opengl.device is not None:
             raise expected("--devices", "either it or --device", "both")
         if self.devices and not self.are_used:
-            raise expected("--devices", "--workers or --scheduler beside it", "neither")
+            raise expected("--devices", "--workers or --scheduler with it", "neither")
 
     @property
     def are_used(self) -> bool:
@@ -240,7 +240,7 @@ def draw(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
         notes.append(f"the picture is empty: {level.nothing_visible()}")
     is_whole = scene.is_single and "bricks" not in image.info
     if how.memory is not None and is_whole and (scene.file.threshold or level.splats.post is None):
-        why = "only values classified after reconstruction, without a threshold, are drawn in bricks"
+        why = "bricks need values classified after reconstruction, without a threshold"
         notes += no_effect(["memory"], why)
     return finish(replace(image, info={**image.info, **info}).with_notes(notes), None, scene)
 
@@ -250,7 +250,7 @@ def draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> Im
     from splatgl.distributed.render import WorkerJob, draw_parts
     from splatgl.splat.kernels import require_built_in
 
-    how.check_supported("workers", "a picture that is drawn by this process", "--workers or --scheduler")
+    how.check_supported("workers", "a picture rendered by this process", "--workers or --scheduler")
     file, settings, this = scene.file, scene.settings, "none, with --workers or --scheduler"
     require_built_in(settings.kernel)
     # refuses options of channels beside a single one
@@ -325,7 +325,7 @@ def _drawn_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
         if not scene.is_quiet:
             reason = f"{need}, together more than {format_bytes(most)}"
             if need.bytes <= most:
-                reason = f"up to about {need.most:,} splats are more than are drawn at once"
+                reason = f"up to about {need.most:,} splats exceed the limit of one pass"
             print(f"{reason}: drawn in {len(bricks.low):,} bricks, nearest first")
         return renderer.draw_bricks(bricks, camera, plan, progress, bands=bands)
 

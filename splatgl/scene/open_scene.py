@@ -224,14 +224,14 @@ class OpenScene:
                 raise expected(layer.volume.name or "layer", this, got, "give more --memory, or use a smaller volume")
         is_masked = self.is_single and self.file.look is None and self.volume.masks
         if is_masked and OpaqueBounds(self.volume, self.transfer).nothing:
-            fix = "set the points to the values that matter, or take another mask"
-            raise expected(self.file.volume, "voxels with an opacity that its masks keep", "none", fix)
+            fix = "change --points or --mask"
+            raise expected(self.file.volume, "visible voxels inside its masks", "none", fix)
 
     def nothing_visible(self) -> InputError:
         """The error for a scene without splats and meshes, with the reason."""
         file = self.file
         if not self.is_single:
-            return expected(file.volume, "layers with an opacity", "none", "set the points to the values that matter")
+            return expected(file.volume, "layers with an opacity", "none", "change --points")
         if self.volume.share_missing() == 1:
             return expected(file.volume, "finite samples", "none")
         if self.transfer.iso and not any(opacity for _, opacity in self.transfer.points):
@@ -240,7 +240,7 @@ class OpenScene:
             return expected(f"{file.volume}: iso", this, values, fix)
         this = f"voxels with an opacity above the threshold {file.threshold:g}"
         clip = "clip or crop less, " if file.settings.clip or file.clip or file.crop else ""
-        fix = f"{clip}lower --threshold, or set --points to the values that matter"
+        fix = f"{clip}lower --threshold, or change --points"
         return expected(file.volume, this, "none", fix)
 
 
@@ -416,7 +416,7 @@ ALL_STATED = ({"points", "colormap", "window"}, {"file"})
 
 def series_look(files: Sequence[SceneFile]) -> SeriesLook | None:
     """The look that the steps of a series share, as their options state it for the values of one step, of each channel:
-    of a few from the first to the last the one whose values spread most. None of one step, and if none can be read.
+    of a few from the first to the last the one whose values vary most. None of one step, and if none can be read.
     """
     widest, labels, read = list[tuple[float, int, Volume]](), dict[int, Label](), set[int]()
     is_stated = any(keys <= files[0].transfer.keys() for keys in ALL_STATED)
@@ -462,7 +462,9 @@ def look_notes(look: SeriesLook | None, files: Sequence[SceneFile]) -> list[str]
         return []
     steps = [files[step] for step in dict.fromkeys(look.steps)]
     names = [f"time {step.load['time']}" if "time" in step.load else Path(step.volume).name for step in steps]
-    return [f"all have the look of {list_names(names)}, whose values spread most; --points and --window state another"]
+    return [
+        f"all use the transfer function of {list_names(names)}, whose values vary most; --points and --window change it"
+    ]
 
 
 def _with_surfaces(layers: list[Layer], file: SceneFile) -> list[Layer]:

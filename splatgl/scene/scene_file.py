@@ -183,12 +183,12 @@ class SceneFile:
     crop: str = _clipping(
         "",
         ValueKind.instance("A:B,C:D,E:F, voxels along x, y and z", str, metavar="A:B,C:D,E:F"),
-        "keep these voxels along x, y, z, and fit the view to them",
+        "keep a range of voxels along x, y and z, and fit the view to it",
     )
     mask: tuple[Any, ...] | None = _clipping(
         None,
         ValueKind("FILE[:N,N…][:outside], or several", several, metavar="FILE[:N,N…][:outside]", hint="Any"),
-        "keep voxels inside a mask file. N,N…: inside these labels of it; outside: outside of them; repeatable",
+        "keep voxels inside a mask file. N,N…: inside its labels N; outside: outside of them; repeatable",
         level="basic",
         repeat=True,
     )
@@ -197,13 +197,13 @@ class SceneFile:
         ValueKind(
             "labels, or FILE[:N,N…][:outside]", _uncut, metavar="N,N…|FILE[:N,N…]", hint="str | int | Sequence[int]"
         ),
-        "leave segments whole that --clip and --crop would cut. Labels of the drawn segmentation, or of a file",
+        "exclude segments from --clip and --crop. Labels of the rendered segmentation, or of a file",
     )
     scissors: tuple[Scissors, ...] = _clipping(
         (),
         ValueKind("an outline", _scissors, Scissors, '"X,Y X,Y X,Y…[:keep]"', written=FORM, hint="Any"),
-        "remove what lies under an outline in the picture. Corners are shares of its width and height; keep: keep only "
-        "that; repeatable",
+        "remove the part inside an outline in the picture. Corners are fractions of its width and height; keep: "
+        "keep only that part; repeatable",
         repeat=True,
     )
     surfaces: float | None = _layers(

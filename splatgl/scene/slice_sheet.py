@@ -196,5 +196,5 @@ def _annotation_view(scene: OpenScene, cells: Sequence[PageCell]) -> AnnotationV
         scale = ColorScale(transfer.colormap, float(low), float(high), subject.value_name)
         subject = replace(subject, scales=(scale,) if low < high else (), empty=low < high)
     if "scale" in scene.file.annotate and len({subject.lengths(cell.plane.right) for cell in cells}) > 1:
-        raise expected("annotate", "no scale beside slices along axes of several units", "scale")
+        raise expected("annotate", "no scale for slices along axes of several units", "scale")
     return AnnotationView(subject, transfer, camera)

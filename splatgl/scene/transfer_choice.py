@@ -322,7 +322,7 @@ def plain_values(keys: Mapping[str, Any]) -> dict[str, Any]:
 # factor of the opacities of a volume with lines or arrows; optical depth of the most opaque values along the shortest
 # side of one with labels
 FAINT, THROUGH = 0.15, 1.5
-FAINTLY = "drawn faintly, so that labels in it are seen: --points, --curve or --preset state its opacities"
+FAINTLY = "rendered faintly, so that labels in it are visible; --points, --curve or --preset set its opacities"
 
 
 def is_backdrop(scene: SceneFile, volume: Volume) -> bool:

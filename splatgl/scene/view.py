@@ -142,7 +142,7 @@ class ViewOptions:
     look_at: Triple | None = _option(
         None, ValueKind.numbers(3, "X,Y,Z"), "point that --eye looks at (default: the centre)"
     )
-    up: Triple | None = _option(None, ValueKind.numbers(3, "X,Y,Z"), "direction drawn upwards (default 0,0,1)")
+    up: Triple | None = _option(None, ValueKind.numbers(3, "X,Y,Z"), "up direction of the picture (default 0,0,1)")
     orthographic: bool | None = _option(
         None, ValueKind.flag(), "parallel rays. Flat stacks of microscopes have them unless --fov is given", bare=True
     )
@@ -199,7 +199,9 @@ class ViewOptions:
             return ()
         azimuth, elevation = angles(self.view, frame)
         where = f"azimuth {azimuth:g}°, elevation {elevation:g}°"
-        return (f"the file does not state anatomy: {self.view} is {where}, which may not be the patient's",)
+        return (
+            f"the file does not state anatomy: {self.view} is {where}, which may differ from the patient's directions",
+        )
 
     def fitted(self, part: Bounded) -> ViewOptions:
         """The view fitted to a part of the volume; a view with a camera or a part stays."""

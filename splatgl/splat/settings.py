@@ -182,7 +182,7 @@ class Settings(Blending):
     blend: Blend = _picture(
         "composite",
         ValueKind.choice(Blend),
-        "by. One splat over the next, sums (X-ray), or maximum, minimum or mean of the values along a ray",
+        "compositing. One splat over the next, sum (X-ray), or maximum, minimum or mean of the values along a ray",
         level="basic",
     )
     mip_attenuation: float = _picture(
@@ -205,7 +205,8 @@ class Settings(Blending):
     compositing: Compositing = _accuracy(
         "auto",
         ValueKind.choice(Compositing),
-        "what is composited. sheets of equal distance from the eye, within which splats add up, or each of the splats",
+        "unit of compositing. sheets: slabs of equal distance from the camera, in which splats add up; splats: one "
+        "by one",
     )
     sheets: int | None = _accuracy(
         None, ValueKind.whole(LEAST_SHEETS, MOST_SHEETS), "sheets that share a splat, 2 to 4 (default: by --tolerance)"
@@ -216,7 +217,7 @@ class Settings(Blending):
     antialias: Antialias = _accuracy(
         "auto",
         ValueKind.choice(Antialias),
-        "antialiasing. auto: as many samples as --tolerance needs there; supersample: --samples along each axis; "
+        "antialiasing. auto: as many samples as --tolerance needs; supersample: --samples along each axis; "
         "paper: splats beyond z_k are stretched [Eq. 4] and attenuated by (z_k/z_v)^2 [Eq. 6]",
     )
     samples: int = _accuracy(
@@ -231,13 +232,13 @@ class Settings(Blending):
     z_s: float | None = _paper(
         None,
         ValueKind.number("a depth of at least 0", 0, metavar="Z"),
-        "depth from which hybrid splats are parallel to the image, world units (default: by --tolerance)",
+        "depth beyond which hybrid splats are parallel to the image, world units (default: by --tolerance)",
     )
     attenuation: Attenuation = _paper(
         "auto",
         ValueKind.choice(Attenuation),
-        "what (z_k/z_v)^2 weakens beyond z_k. The opacity (the paper's), the optical depth, or by how far splats fill "
-        "a pixel (auto)",
+        "quantity attenuated by (z_k/z_v)^2 beyond z_k. Opacity (the paper's), optical depth, or fill, the pixel "
+        "coverage (auto)",
     )
     blur_width: float = _paper(
         1.0,
@@ -264,7 +265,7 @@ class Settings(Blending):
     technique: Technique = _speed(
         "auto",
         ValueKind.choice(Technique),
-        "how splats are drawn. quads: a quad each; tiles: gathered by tiles of pixels in compute shaders",
+        "rendering technique. quads: one quad per splat; tiles: compute shaders that process splats by tiles of pixels",
     )
     shading: Shading = _picture(
         "auto",
@@ -280,7 +281,7 @@ class Settings(Blending):
     light_from: tuple[float, float] | None = _picture(
         None,
         ValueKind("degrees", check_place, ValueKind.numbers(2, "").read, "SIDE,ABOVE", hint="Numbers"),
-        "place of the light, degrees to the right of the eye and above it",
+        "position of the light, degrees to the right of and above the camera",
     )
     ambient: float | None = _picture(
         None, _STRENGTH, "strength of the light from everywhere, 0 to 1 (default: as --light says)"
@@ -291,11 +292,11 @@ class Settings(Blending):
     specular: float | None = _picture(
         None,
         _STRENGTH,
-        "strength of highlights, 0 to 1 (default: as --light says). Together at most 1; what is not "
-        "given is weakened to that",
+        "strength of highlights, 0 to 1 (default: as --light says). The strengths add up to at most 1; those not "
+        "given are reduced",
     )
     ambient_occlusion: float = _picture(
-        0.0, _STRENGTH, "darkens hollows, 0 (off) to 1. Most visible with --light flat", label="ambient occl."
+        0.0, _STRENGTH, "darkens cavities, 0 (off) to 1. Most visible with --light flat", label="ambient occl."
     )
     shadows: float = _picture(
         0.0, _STRENGTH, "darkness of shadows, 0 (off) to 1. A light at the eye moves to above left", level="basic"

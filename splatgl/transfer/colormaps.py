@@ -124,7 +124,7 @@ def _nodes(name: str) -> tuple[np.ndarray, np.ndarray]:
     except ValueError:
         places = np.zeros(0)
     if len(places) < len(nodes) or not ((places >= 0) & (places <= 1)).all() or (np.diff(places) < 0).any():
-        raise expected("colormap", "PLACE:#rrggbb,… with places from 0 to 1 that never fall", repr(name[:80]))
+        raise expected("colormap", "POSITION:#rrggbb,… with ascending positions from 0 to 1", repr(name[:80]))
     return places, np.array([_hex(node[2][1:]) for node in nodes if node])
 
 

@@ -96,13 +96,13 @@ def mark_kind(volume: Volume) -> Volume:
         rounded = volume.rounded(ROUNDING)
         kind, volume = (AMOUNTS, volume) if rounded is None else (kind, rounded)
     if kind == LABELS:
-        note = "whole numbers in flat areas are drawn as labels: --values amounts draws them as amounts"
+        note = "whole numbers in flat areas are rendered as labels; --values amounts renders them as amounts"
         return replace(volume, labels=(), notes=(*volume.notes, note))
     marked = replace(volume, hints=replace(hints, values=kind))
     if kind == MASK or shares is None or shares.count < 2 or not (shares.alike >= FLATTEST or shares.count <= TOLD):
         return marked
     why = "areas that blend into each other" if shares.flat else "areas that are not flat"
-    note = f"whole numbers in {why} are drawn as amounts: --values labels draws each in a colour"
+    note = f"whole numbers in {why} are rendered as amounts; --values labels renders each in a colour"
     return replace(marked, notes=(*volume.notes, note))
 
 

@@ -194,7 +194,7 @@ class Transfer:
     regions: Sequence[Any] = _option(
         (),
         ValueKind("regions", check_regions, Region.parse, "REGION", written=REGION_FORM, hint="Sequence[Any]"),
-        "matter in a box, triangle, gaussian or image over values and gradients: " + REGION_FORM + " (repeatable)",
+        "density in a box, triangle, gaussian or image over values and gradients: " + REGION_FORM + " (repeatable)",
         flag="--region",
         repeat=True,
     )

@@ -217,7 +217,7 @@ class ClipTool(Tool):
 
 # distance between two corners of an outline, pixels at a content scale of 1; the line's colour, sRGB, and width
 APART, COLOR, LINE = 3.0, (1.0, 0.35, 0.3, 1.0), 2.0
-HOW = "draw around what to remove", "draw around what to keep"
+HOW = "draw a lasso around the part to remove", "draw a lasso around the part to keep"
 BAD = "draw around a part of the volume, not all of it"
 NO_VOLUME = "scissors cut volumes, not meshes"
 

@@ -252,7 +252,7 @@ def _light(state: State, document: Document) -> State:
 
 def _blur(state: State, document: Document) -> State:
     blur = _next(BLURS, state.blur)
-    note = "" if blur == "off" else ": while the view turns; a still has none"
+    note = "" if blur == "off" else ": only in motion"
     return replace(state, blur=blur, message=f"motion blur {blur}{note}")
 
 
@@ -282,7 +282,9 @@ def _threshold(factor: float) -> Run:
         threshold = state.style.threshold * factor
         threshold = max(threshold, LOWEST) if factor > 1 else threshold
         threshold = 0.0 if threshold < LOWEST * 0.999 else min(threshold, HIGHEST)
-        return with_threshold(replace(state, message=f"least opacity {threshold:.4g}: threshold of voxels"), threshold)
+        return with_threshold(
+            replace(state, message=f"minimum opacity {threshold:.4g}: threshold of voxels"), threshold
+        )
 
     return change
 
@@ -332,7 +334,7 @@ def add_plane(state: State, document: Document, normal: Sequence[float] | None =
 
 def _handles(state: State, document: Document) -> State:
     cuts = replace(state.cuts, shown=not state.cuts.shown)
-    message = "drag the dots to cut; shift+x: with and without the cuts" if cuts.shown else ""
+    message = "drag the handles to cut; shift+x toggles clipping" if cuts.shown else ""
     return replace(set_cuts(state, document, cuts), message=message)
 
 
@@ -485,7 +487,7 @@ def _close(state: State, document: Document) -> State | tuple[State, Effect]:
 
 
 VIEW_KEYS = {"front": "1", "back": "ctrl+1", "right": "3", "left": "ctrl+3", "top": "7", "bottom": "ctrl+7"}
-LASSO, OVER = "remove, keep what a drag circles", "axes and scale, colour bar, box"
+LASSO, OVER = "remove, or keep, what a lasso encloses", "axes and scale, colour bar, box"
 SLICE_LOOKS, SLICE_TURNS = "slices in colours; as planes", "turn slices about x, y, z; shift: back"
 FRONTS, BACKS = "view from the front, right, top", "view from the back, left, bottom"
 TURNS, ROLLS, KEEPS = "turn the view", "roll to the left, right", "keep more, fewer voxels"
@@ -515,11 +517,11 @@ MENUS: dict[str, tuple[Command, ...]] = {
     "Edit": (
         Command("undo", "undo the last change", ("ctrl+z",), _request(WindowRequest.UNDO)),
         Command("redo", "redo what was undone", ("ctrl+shift+z", "ctrl+y"), _request(WindowRequest.REDO)),
-        Command("handles", "handles of the cutting box and planes", ("x",), _handles),
+        Command("handles", "handles of the clip box and clip planes", ("x",), _handles),
         Command("cuts", "cuts on or off", ("shift+x",), _cuts),
-        Command("plane", "cut by another plane, which faces you", ("ctrl+x",), _plane),
-        Command("scissors", "remove what a drag draws around", ("ctrl+shift+x",), start_lasso(keep=False), LASSO),
-        Command("scissors-keep", "keep only what a drag draws around", ("alt+x",), start_lasso(keep=True), LASSO),
+        Command("plane", "add a clip plane that faces the camera", ("ctrl+x",), _plane),
+        Command("scissors", "remove what a lasso encloses", ("ctrl+shift+x",), start_lasso(keep=False), LASSO),
+        Command("scissors-keep", "keep only what a lasso encloses", ("alt+x",), start_lasso(keep=True), LASSO),
         Command("uncut", "remove all cuts", ("delete",), _uncut),
         Command("segments-show", "show all segments", (), _segments(True)),
         Command("segments-hide", "hide all segments", (), _segments(False)),
@@ -531,21 +533,21 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("projection", "perspective or orthographic", ("p", "5"), _projection),
         Command("turn-left", "turn the view to the left", ("left",), _move(lambda p, up: p.spun(-TURN, up)), TURNS),
         Command("turn-right", "turn the view to the right", ("right",), _move(lambda p, up: p.spun(TURN, up)), TURNS),
-        Command("turn-up", "look from higher", ("up",), _move(lambda p, up: p.lifted(TURN)), TURNS),
-        Command("turn-down", "look from lower", ("down",), _move(lambda p, up: p.lifted(-TURN)), TURNS),
+        Command("turn-up", "move the camera up", ("up",), _move(lambda p, up: p.lifted(TURN)), TURNS),
+        Command("turn-down", "move the camera down", ("down",), _move(lambda p, up: p.lifted(-TURN)), TURNS),
         Command("zoom-in", "nearer", ("+", "="), _zoom(NOTCH), "nearer, farther"),
         Command("zoom-out", "farther", ("-",), _zoom(1 / NOTCH), "nearer, farther"),
         Command("roll-left", "roll to the left", ("page_up",), _move(lambda p, up: p.tipped(-ROLL)), ROLLS),
         Command("roll-right", "roll to the right", ("page_down",), _move(lambda p, up: p.tipped(ROLL)), ROLLS),
-        Command("turn", "turn on its own, or stop", ("space",), _rotate("turning")),
-        Command("turntable", "drags turn a turntable, or a trackball", ("u",), _turntable),
+        Command("turn", "rotate automatically, or stop", ("space",), _rotate("turning")),
+        Command("turntable", "turntable or trackball rotation", ("u",), _turntable),
         Command("ground", "another background", ("n",), _ground),
-        Command("pin", "keep this picture at the right, or not", ("ctrl+d",), _pin),
+        Command("pin", "pin this view next to the main view", ("ctrl+d",), _pin),
         Command("fullscreen", "fullscreen", ("f11", "f"), _rotate("fullscreen")),
         Command("panel", "show or hide the panel", ("tab",), _rotate("panel")),
-        Command("focus", "keys in the panel, or the picture", ("f6",), _request(WindowRequest.FOCUS)),
+        Command("focus", "keyboard focus: panel or picture", ("f6",), _request(WindowRequest.FOCUS)),
         Command("theme", "dark or light panel", (), _rotate("theme", THEMES)),
-        Command("hud", "what is drawn and how: short, full, or off", ("i",), _rotate("hud", HUDS)),
+        Command("hud", "frame information: short, full, or off", ("i",), _rotate("hud", HUDS)),
     ),
     "Picture": (
         Command("blend", "next blend mode", ("b",), _cycle("blend")),
@@ -567,7 +569,7 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("antialias", "next kind of antialiasing", ("a",), _cycle("antialias")),
         Command("align", "next alignment of the splats", ("g",), _cycle("align")),
         Command("attenuation", "next form of attenuation beyond z_k", ("w",), _cycle("attenuation", BEYOND)),
-        Command("beyond", "the z_k plane, and what lies beyond it", ("k",), _show_zk),
+        Command("beyond", "the z_k plane, and splats beyond it", ("k",), _show_zk),
     ),
     "Tools": (
         Command("probe", "the value under the cursor", ("y",), _probe),
@@ -601,7 +603,7 @@ MENUS: dict[str, tuple[Command, ...]] = {
     "Help": (
         Command("palette", "find a command", ("ctrl+p",), _request(WindowRequest.PALETTE)),
         Command("help", "all keys", ("?", "f1"), _rotate("help")),
-        Command("close", "close what is open; stop what goes on", ("escape",), _close),
+        Command("close", "close the open panel, or cancel", ("escape",), _close),
     ),
 }
 COMMANDS = tuple(replace(command, menu=menu) for menu, commands in MENUS.items() for command in commands)

@@ -118,7 +118,7 @@ def describe_picture(document: Document, frame: DisplayedFrame | None) -> str:
         return f"A picture in motion, coarser than at rest, in {frame.seconds:.2g} s."
     layers, bound = document.drawn_layers, frame.info.get("error_bound")
     share = sum(len(layer.finest) for layer in layers) / max(sum(layer.volume.count for layer in layers), 1)
-    exact = f", and is right to {bound:.2g} of full brightness" if isinstance(bound, float) else ""
+    exact = f"; the maximum error is {bound:.2g} of full brightness" if isinstance(bound, float) else ""
     return f"{100 * share:.2g} % of the voxels have an opacity. The picture took {frame.seconds:.2g} s{exact}."
 
 
@@ -139,13 +139,13 @@ def _splats(document: Document, frame: DisplayedFrame) -> list[str]:
     kept, total = sum(len(layer.finest) for layer in layers), sum(layer.volume.count for layer in layers)
     notes = [document.stand_in.note] if document.stand_in and document.stand_in.note else []
     if frame.level.stride > 1 or 1 not in document.extracted:
-        return [*notes, f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]
+        return [*notes, f"of {total:,} voxels, blocks of {frame.level.stride}^3 are rendered"]
     most = f"at most {first.own.threshold:g}" if first.own.threshold else "0"
     left = f"the rest: opacity {most}{' around' * first.is_post_classified}"
     notes.append(f"{kept:,} of {total:,} voxels are splats ({left})")
     drawn = frame.info.get("drawn", kept - frame.hidden)
     if isinstance(drawn, int) and drawn < kept:
-        notes.append(f"{drawn:,} drawn; the rest can't be seen from here")
+        notes.append(f"{drawn:,} rendered; the others are hidden from here")
     return notes
 
 
@@ -154,7 +154,7 @@ def _instead(state: State, document: Document) -> list[str]:
     if document.layers[0].is_post_classified or state.settings.classification != "post":
         return []
     why = document.layers[0].why_pre_classified(state.moving, True)
-    return [f"{why} takes splats classified before reconstruction: so they are"]
+    return [f"classified before reconstruction because of {why}"]
 
 
 def _pace(state: State, frame: DisplayedFrame, busy: str | None) -> list[str]:
@@ -183,7 +183,7 @@ def _bound(info: Mapping[str, object]) -> list[str]:
     if isinstance(dropped, float) and dropped > 0:
         lines.append(f"the threshold dropped an optical depth of up to {dropped:.2g}")
     if "tolerance_met" in info and not info["tolerance_met"]:
-        lines.append("the tolerance could not be kept" if isinstance(bound, float) else "its error has no known bound")
+        lines.append("the tolerance was not met" if isinstance(bound, float) else "its error has no known bound")
     return lines
 
 

@@ -58,7 +58,7 @@ def draw_layers(state: State, document: Document, widgets: CommandWidgets) -> St
         state = _draw_mesh(state, document, number, file)
         imgui.pop_id()
     if sum(style.is_shown for style in state.styles) > MOST_LAYERS:
-        return replace(before, message=f"a picture has {MOST_LAYERS} layers at most: hide another one first")
+        return replace(before, message=f"a picture has {MOST_LAYERS} visible layers at most: hide another one first")
     return widgets.button("add-layer", "add...", state, document)
 
 
@@ -88,7 +88,7 @@ def move_layer(state: State, number: int, action: str) -> State:
 def _draw_layer(state: State, number: int, style: LayerStyle, name: str) -> State:
     """Visibility, name and opacity of a layer, its colour if it has a single one, and its menu."""
     _, visible = imgui.checkbox("##seen", style.visible)
-    imgui.set_item_tooltip("Whether it is drawn.")
+    imgui.set_item_tooltip("Show or hide it.")
     imgui.same_line()
     room = imgui.get_content_region_avail().x
     imgui.push_style_color(imgui.Col_.header, imgui.get_style_color_vec4(imgui.Col_.button_hovered))
@@ -110,7 +110,7 @@ def _draw_layer(state: State, number: int, style: LayerStyle, name: str) -> Stat
 
 def _draw_mesh(state: State, document: Document, number: int, mesh: MeshFile) -> State:
     _, visible = imgui.checkbox("##seen", mesh.visible)
-    imgui.set_item_tooltip("Whether it is drawn.")
+    imgui.set_item_tooltip("Show or hide it.")
     imgui.same_line()
     room, left = imgui.get_content_region_avail().x, imgui.get_cursor_pos_x()
     imgui.align_text_to_frame_padding()
@@ -210,7 +210,7 @@ def _row(style: LayerStyle, segment: Segment) -> tuple[LayerStyle, bool]:
     number = segment.number
     room = imgui.get_content_region_avail().x
     changed, is_shown = imgui.checkbox("##seen", number not in style.hidden)
-    imgui.set_item_tooltip("Whether it is drawn.")
+    imgui.set_item_tooltip("Show or hide it.")
     if changed:
         style = with_shown(style, [number], is_shown)
     color = pick_color(segment.color)

@@ -58,7 +58,7 @@ def describe_pick(pick: Picked | None, document: Document) -> tuple[str, ...]:
 def _nothing(document: Document) -> str:
     """Returns the message where nothing is picked: clouds of points are seen, but have no values in space."""
     is_cloud = any(layer.volume.points is not None for layer in document.drawn_layers)
-    return "points: no value or place here" if is_cloud else "nothing here"
+    return "points: no value or position here" if is_cloud else "nothing here"
 
 
 def add_ruler_point(state: State, document: Document, place: Place) -> State:

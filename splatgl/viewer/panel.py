@@ -435,15 +435,15 @@ class Panel:
         changed, factor = imgui.slider_float(
             label_left("opacity x"), state.style.extinction, *EXTINCTION, "%.3g", logarithmic
         )
-        imgui.set_item_tooltip("A factor on the extinction: matter lets less light through.")
+        imgui.set_item_tooltip("Scales the opacity.")
         if changed:
             state = state.edit(extinction=float(f"{factor:.4g}"))
         if has_segments:
             return state
         changed, threshold = imgui.slider_float(
-            label_left("least opacity"), state.style.threshold, 0.0, HIGHEST, "%.4f", logarithmic
+            label_left("minimum opacity"), state.style.threshold, 0.0, HIGHEST, "%.4f", logarithmic
         )
-        imgui.set_item_tooltip("Voxels up to this opacity are not drawn (--threshold).")
+        imgui.set_item_tooltip("Voxels up to this opacity are skipped (--threshold).")
         return with_threshold(state, min(max(threshold, 0.0), HIGHEST)) if changed else state
 
     def _transfer(self, state: State, layer: LayerSplats) -> State:

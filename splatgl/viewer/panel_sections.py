@@ -189,11 +189,11 @@ def _planes(cuts: ClipState, volume: Volume) -> ClipState:
         ends = float(along.min()), float(along.max())
         changed, place = imgui.slider_float("##place", plane[3], *ends, f"%.4g {unit}")
         imgui.pop_style_color()
-        imgui.set_item_tooltip("Normal {:.3g}, {:.3g}, {:.3g}: keeps what lies beyond this place.".format(*plane[:3]))
+        imgui.set_item_tooltip("Normal {:.3g}, {:.3g}, {:.3g}: keeps the side that it points to.".format(*plane[:3]))
         if changed:
             cuts = replace(cuts.with_plane(number, (*plane[:3], place)), active=True)
         imgui.same_line()
-        if imgui.button("turn round"):
+        if imgui.button("flip"):
             cuts = cuts.with_plane(number, [-each for each in plane])
         imgui.same_line()
         removed = imgui.button("remove")

@@ -79,7 +79,7 @@ class Reference:
         if (count := document.counts[0]) > MOST:
             self.note = f"no reference: {count:,} splats would take minutes; raise the threshold"
             return
-        self.note = "the float64 reference is being drawn ..."
+        self.note = "the float64 reference is being rendered ..."
         self.jobs.submit(JobKind.REFERENCE, "reference", lambda: (wanted, self._draw(wanted)))
 
     def forget(self) -> None:
@@ -134,7 +134,7 @@ class Reference:
                 raise news
             if wanted is not self.wanted:
                 raise JobCancelled
-            self.note = f"the float64 reference is being drawn: {news:.0%}"
+            self.note = f"the float64 reference is being rendered: {news:.0%}"
             self.jobs.wake()
         return news
 

@@ -391,7 +391,7 @@ class CurveEditor:
             ends = points[here : here + 2] if here + 1 < len(points) else points[here - 1 :]
             between = np.mean(ends, axis=0).tolist()
             points, self.point = add_point(points, *between)
-        imgui.set_item_tooltip("One more point beside this one.")
+        imgui.set_item_tooltip("Adds a point next to this one.")
         imgui.same_line(0.0, gap)
         points = remove_point(points, here) if imgui.button("-") else points
         imgui.set_item_tooltip("Removes this point.")
@@ -448,7 +448,7 @@ def draw_iso(transfer: Transfer, low: float, high: float) -> Transfer:
     if imgui.button("add a surface"):
         surfaces.append(Iso(_free_value([surface.value for surface in surfaces], low, high)))
     imgui.end_disabled()
-    imgui.set_item_tooltip("Where the values pass a number. The curve above draws what lies around it.")
+    imgui.set_item_tooltip("The surface where the values cross a number. The curve above renders the values around it.")
     return transfer if tuple(surfaces) == tuple(transfer.iso) else replace(transfer, iso=surfaces)
 
 
@@ -458,7 +458,7 @@ def _draw_surface(transfer: Transfer, number: int, limits: tuple[float, float]) 
     spread = limits[1] - limits[0]
     imgui.set_next_item_width(room * VALUE)
     changed, value = imgui.drag_float("##value", surface.value, spread / STEPS, format="%.5g")
-    imgui.set_item_tooltip("The value whose surface is drawn (--iso): drag, or ctrl+click.")
+    imgui.set_item_tooltip("The value of the surface (--iso): drag, or ctrl+click.")
     if changed:
         # surfaces keep their order
         before = [other.value + APART * spread for other in transfer.iso[:number]]
@@ -490,7 +490,7 @@ REGION_SHAPES = ("box", "triangle", "gaussian")
 REGION_COLORS = ("#e8b04a", "#4aa3e8", "#e8574a", "#6ecb63", "#b57be0", "#e88fc0")
 # opacity of a new region, and the shares of the plot between which it lies
 OPACITY, BETWEEN = 0.3, (0.35, 0.65)
-REGION_HINT = "drag a region's middle, sides or corners; the wheel zooms, a drag beside them moves"
+REGION_HINT = "drag a region's middle, sides or corners; the wheel zooms, a drag elsewhere pans"
 
 
 @dataclass(frozen=True, eq=False)

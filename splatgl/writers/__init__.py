@@ -253,7 +253,7 @@ def _lost(volume: Volume, target: FileTarget, kind: str) -> list[str]:
         "vectors": volume.vectors is not None and kind != "vectors",
         "value unit": bool(volume.value_unit),
     }
-    names = {"color": "colours", "vectors": "vectors beside samples", "direction": "orientation"}
+    names = {"color": "colours", "vectors": "vectors in addition to samples", "direction": "orientation"}
     names["value unit"] = "unit of values"
     lost = [names.get(name, name) for name, gone in is_lost.items() if gone and name not in holds - {"vectors"}]
     if lost:
@@ -262,7 +262,7 @@ def _lost(volume: Volume, target: FileTarget, kind: str) -> list[str]:
     if target.frame and volume.frame is None and is_placed:
         notes.append(f"the frame is unknown, and {target.title} has only {target.frame}: it is read as that")
     if volume.color is not None and holds & {"color", "channels"} and not _has_luma(volume):
-        notes.append("the samples beside the colours are not written")
+        notes.append("samples are not written where there are colours")
     if target.title == "OME-Zarr" and is_lost["direction"]:
         notes.append("orientation: OME-Zarr has none, splatgl alone reads what is written")
     return notes

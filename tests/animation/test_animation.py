@@ -109,7 +109,7 @@ def test_in_python_frames_are_those_of_the_command(here: Path) -> None:
         ("ball.npy", {"turntabel": 3}, "got turntabel"),
         ("ball.npy", {"time": slice(0, 2)}, "--time: expected a file of several time points, got 1"),
         ("ball.npy", {"workers": 0}, "--workers: expected a whole number from 1 to 1024, got 0"),
-        ("ball.npy", {"devices": (0, 1)}, "--devices: expected --workers or --scheduler beside it, got neither"),
+        ("ball.npy", {"devices": (0, 1)}, "--devices: expected --workers or --scheduler with it, got neither"),
     ],
     ids=str,
 )
@@ -383,7 +383,11 @@ def test_an_empty_first_step_does_not_choose_the_look_of_a_series(
     view = ["--eye", "30,-20,12", "--look-at", "6.5,6.5,6.5", "--background", "transparent"]
     assert main(["animate", *series, "-o", "{frame}.npy", *view, "--size", "24"]) == 0
     said = capsys.readouterr().err
-    assert ("all have the look of time 2, time 0, " if kind == "channels" else "all have the look of s2.npy, ") in said
+    assert (
+        "all use the transfer function of time 2, time 0, "
+        if kind == "channels"
+        else "all use the transfer function of s2.npy, "
+    ) in said
     frames = [pixels(f"{n}.npy") for n in range(3)]
     if kind == "channels":
         # each by its own widest step: one rises, the other falls
@@ -506,7 +510,7 @@ def test_explain_tells_how_the_first_frame_moves(here: Path, capsys: pytest.Capt
     assert main(command) == 0
     assert "motion blur" not in capsys.readouterr().out
     assert main([*command, "--explain", "--workers", "2"]) == 2
-    assert "--explain: expected frames that are drawn by this process, got --workers" in capsys.readouterr().err
+    assert "--explain: expected frames rendered by this process, got --workers" in capsys.readouterr().err
 
 
 @pytest.mark.long

@@ -82,7 +82,7 @@ def test_same_takes_the_look_of_the_widest_source(here: Path, capsys: Said) -> N
     for sources, options in ((["e0.npy", "e1.npy", "e2.npy"], []), (["c0.tif", "c2.tif"], channels)):
         assert drawn(*sources, "-o", "same-{name}.npy", "--same", *view, *options) == 0
         said = capsys.readouterr().err
-        assert f"all have the look of {sources[-1]}, whose values spread most" in said
+        assert f"all use the transfer function of {sources[-1]}, whose values vary most" in said
         assert ("the picture is empty: e0.npy: expected voxels with an opacity" in said) == (sources[0] == "e0.npy")
         assert drawn(sources[-1], "-o", "alone.npy", *view, *options, "--quiet") == 0
         assert np.array_equal(np.load(f"same-{sources[-1][:2]}.npy"), np.load("alone.npy"))

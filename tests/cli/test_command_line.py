@@ -229,7 +229,7 @@ def test_names_in_paths_and_quotes_stay() -> None:
     args = _parser(["render"]).parse_args(["render", "array=1.npz", "--array", "a"])
     for message in (
         "array=1.npz: contents: expected NumPy archive, as the name says, got PNG",
-        "a: data file: expected a file beside the header, got nothing named 'channel=3'",
+        "a: data file: expected a file next to the header, got nothing named 'channel=3'",
         "look_at.npy: cannot be read",
     ):
         assert parser.with_flags(message, args) == message

@@ -178,7 +178,7 @@ def test_units_of_xarray_are_brought_together() -> None:
     assert volume.unit == "um" and volume.spacing == pytest.approx((1, 2, 0.003))
     array.z.attrs["units"] = "hPa"
     volume = sg.Volume.of(array)
-    assert volume.unit == "" and volume.spacing[:2] == (1, 2) and "1 hPa of z is drawn as" in volume.notes[0]
+    assert volume.unit == "" and volume.spacing[:2] == (1, 2) and "1 hPa of z is rendered as" in volume.notes[0]
 
 
 def test_what_xarray_holds_else_is_refused() -> None:

@@ -278,7 +278,7 @@ def test_a_series_with_a_scheduler(
     for folder, by in (("a", []), ("b", ["--scheduler", client.scheduler.address])):
         assert main([*asked, "-o", f"{folder}/{{frame}}.npy", *by]) == 0
         said = capsys.readouterr().err
-        assert said.count("samples: no effect") == said.count("all have the look of s2.npy") == 1
+        assert said.count("samples: no effect") == said.count("all use the transfer function of s2.npy") == 1
     first, second = frames(tmp_path / "a"), frames(tmp_path / "b")
     assert len(second) == 3 and all(np.array_equal(*both) for both in zip(first, second, strict=True))
     assert not first[0].any() and first[2].any()
@@ -300,7 +300,7 @@ def test_a_picture_with_a_scheduler(
     [
         (["--workers", "0"], "--workers: expected a whole number from 1 to 1024, got 0"),
         (["--workers", "2", "--scheduler", "tcp://x:1"], "--workers: expected either it or --scheduler, got both"),
-        (["--devices", "0,1"], "--devices: expected --workers or --scheduler beside it, got neither"),
+        (["--devices", "0,1"], "--devices: expected --workers or --scheduler with it, got neither"),
         (["--devices", "0", "--device", "1", "--workers", "1"], "--devices: expected either it or --device, got both"),
         (["--scheduler", "tcp://127.0.0.1:9"], "tcp://127.0.0.1:9: no Dask scheduler of this version answers: "),
         (["--scheduler", "nonsense"], "nonsense: no Dask scheduler of this version answers: "),
@@ -308,7 +308,7 @@ def test_a_picture_with_a_scheduler(
             ["--workers", "1", "--threshold", "0.1"],
             "--threshold: expected none, with --workers or --scheduler, got 0.1",
         ),
-        (["--workers", "1", "--explain"], "--explain: expected a picture that is drawn by this process, got --workers"),
+        (["--workers", "1", "--explain"], "--explain: expected a picture rendered by this process, got --workers"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )

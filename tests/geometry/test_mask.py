@@ -376,7 +376,7 @@ def test_masks_that_are_none(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         str(tmp_path): "mask ",
         str(tmp_path / "cut.nrrd"): "mask ",
         ":outside": "FILE[:N,N…][:outside]",
-        dark: "expected voxels with an opacity that its masks keep, got none",
+        dark: "expected visible voxels inside its masks, got none",
     }
     for mask, words in told.items():
         assert main(["render", source, "-o", str(tmp_path / "o.png"), "--points", "0.2:0,0.9:1", "--mask", mask]) == 2

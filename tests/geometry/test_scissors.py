@@ -125,7 +125,7 @@ def test_a_view_in_another_frame_is_turned() -> None:
         ("0.1,0.2 0.3,0.4", "scissors: expected x,y x,y x,y"),
         ("0.1,0.2 0.3,0.4 0.5", "got '0.1,0.2 0.3,0.4 0.5'"),
         ("0.1,0.2 0.1,0.4 0.1,0.9", "scissors: expected"),
-        ("120,40 300,80 90,90", "shares of the picture's width"),
+        ("120,40 300,80 90,90", "fractions of the picture's width"),
         (3, "scissors: expected"),
         ({"outline": "0,0 1,0 1,1", "eye": [1, 2, 3]}, "eye, look_at, up, and fov or height"),
         ({"outlines": "0,0 1,0 1,1"}, "did you mean outline"),

@@ -165,7 +165,7 @@ def test_the_box_of_a_plane_is_that_of_its_polygon() -> None:
 
 
 BAD = {
-    "z=10": "slice: expected a voxel from 0 to 9 along z, got 'z=10'; z=10units is a place in the world",
+    "z=10": "slice: expected a voxel from 0 to 9 along z, got 'z=10'; z=10units is a position in the world",
     "z=101%": "slice: expected a share from 0% to 100%, got 'z=101%'",
     "z=99units": "slice: expected a plane through the volume, got 'z=99units'",
     "z=3mm": "slice: expected a length in units, got 'z=3mm'",

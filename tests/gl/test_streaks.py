@@ -233,7 +233,7 @@ def test_the_plan_says_what_it_leaves_out(renderer: sg.Renderer) -> None:
     assert renderer.plan(splats, camera, SPLATS).program.technique == "tiles"
     chosen = renderer.plan(splats, camera, XRAY, motion)
     assert (chosen.program.technique, chosen.program.align, chosen.hiding.depth_batches) == ("streaks", "exact", 1)
-    for words in ("motion blur exact, shutter 180°", "error bound is to straight streaks"):
+    for words in ("motion blur exact, shutter 180°", "error bound refers to straight streaks"):
         assert words in chosen.explain()
     # a maximum has no streaks
     mip = SPLATS.replace(blend="mip", moments=3)
@@ -242,7 +242,10 @@ def test_the_plan_says_what_it_leaves_out(renderer: sg.Renderer) -> None:
     ).pixels
     assert np.array_equal(renderer.render(splats, camera, mip, motion).pixels, right.astype(np.float32))
     left = renderer.plan(splats, camera, mip.replace(motion="exact"), motion)
-    assert left.moments == 3 and "motion exact left out: mip of a streak is none of its moments" in left.explain()
+    assert (
+        left.moments == 3
+        and "motion exact left out: no streaks in blend mip, subframes are averaged instead" in left.explain()
+    )
     # who gives a motion and no settings wants it blurred: sums by streaks, others by moments
     for blend, form in (("xray", "exact"), ("composite", "moments")):
         assert renderer.render(splats, camera, SPLATS.replace(blend=blend), motion=motion).info["motion"] == form

@@ -317,11 +317,11 @@ def test_what_is_left_out_is_told() -> None:
     above = Image(block(), rendering="iso", name="nuclei", depiction="plane")
     image = panel.picture(viewer(points, hidden, Image(block()), above, center=MIDDLE, ndisplay=2))
     assert image.notes == (
-        "not drawn: spots, a Points layer of 3 axes",
-        "all voxels are drawn: the 2-D view shows a slice",
-        "nuclei: drawn as mip, not as iso",
-        "nuclei: drawn as a volume, not as a plane",
-        "layers are mixed by depth, not laid over each other",
+        "not rendered: spots, a Points layer of 3 axes",
+        "all voxels are rendered; the 2-D view shows a slice",
+        "nuclei: rendered as mip, not as iso",
+        "nuclei: rendered as a volume, not as a plane",
+        "layers are composited by depth, not blended as images",
     )
     assert panel.picture(viewer(Image(block()), center=MIDDLE)).notes == ()
 

@@ -575,7 +575,7 @@ def test_what_is_left_out_is_told(pyvista: Any) -> None:
     made = plotter(pyvista, some())
     made.remove_all_lights()
     made.add_light(pyvista.Light(light_type="headlight"))
-    assert sg.render(made).info["notes"] == ("not drawn: steps between voxels (nearest interpolation)",)
+    assert sg.render(made).info["notes"] == ("not rendered: steps between voxels (nearest interpolation)",)
     made.volume.prop.interpolation_type = "linear"
     assert sg.render(made).info["notes"] == ()
     made.add_mesh(pyvista.Plane(center=(5, 5, 5)), texture=pyvista.numpy_to_texture(np.zeros((4, 4, 3), np.uint8)))
@@ -589,7 +589,7 @@ def test_what_is_left_out_is_told(pyvista: Any) -> None:
     made.set_background("black", top="white")
     notes: Any = sg.render(made).info["notes"]
     for part in ("axes", "labels", "a scalar bar", "a text, 2 times"):
-        assert f"not drawn: {part}" in notes, notes
+        assert f"not rendered: {part}" in notes, notes
     assert {"lit by the brightest of 2 lights", "the background is the mean of its gradient"} <= set(notes)
 
 
@@ -612,5 +612,5 @@ def test_render_takes_scenes() -> None:
     assert np.array_equal(image.pixels, right.pixels)
     with pytest.raises(sg.InputError, match=r"options: expected fields of Settings, azimuth.*got spacing"):
         sg.render(scene, spacing=(1, 1, 1))
-    with pytest.raises(sg.InputError, match="none beside a scene"):
+    with pytest.raises(sg.InputError, match="none together with a scene"):
         sg.render(scene, "mri")

@@ -201,7 +201,7 @@ def test_what_is_off_changes_no_program(renderer: sg.Renderer) -> None:
     assert len({each.program for each in plans}) == 4
     stronger = renderer.plan(splats, camera, PLAIN.replace(ambient_occlusion=0.5))
     assert stronger.program == plans[2].program and stronger.key != plans[2].key
-    for how, said in (({"blend": "mip"}, "mip shows values"), ({"light_from": (0, 0)}, "a light at the eye")):
+    for how, said in (({"blend": "mip"}, "mip shows values"), ({"light_from": (0, 0)}, "the light is at the camera")):
         left = renderer.plan(splats, camera, PLAIN.replace(shadows=1, **how))
         assert left.resolved.cues is None and said in left.explain()
 

@@ -14,7 +14,7 @@ F = (np.arange(4 * 5 * 6).reshape(4, 5, 6) * 7 % 251).astype(np.float32)
 RGB = np.stack([F, F[::-1], 255 - F], -1).astype(np.uint8)
 RGBA = np.concatenate([RGB, RGB[..., :1]], -1)
 FLOW = np.stack([F, 2 * F, -F], -1)
-IS_COLOR, IS_VECTOR, IS_COMPLEX = "taken for a colour", "taken for a vector", "drawn by their magnitude"
+IS_COLOR, IS_VECTOR, IS_COMPLEX = "read as a colour", "read as a vector", "rendered by their magnitude"
 
 
 def told(volume: Any, text: str) -> bool:

@@ -307,7 +307,7 @@ def test_frames_of_nuclear_medicine_are_stacked_by_the_sign(tmp_path: Path, gap:
     save(nuclear(both, gap, **tags), tmp_path / "gated.dcm")
     gated = sg.load(tmp_path / "gated.dcm")
     assert heights(gated) == pytest.approx(expected)
-    assert gated.notes == ("2 time slots at each place: number 0 is read; time=N picks another",)
+    assert gated.notes == ("2 time slots at each position: number 0 is read; time=N picks another",)
     assert heights(sg.load(tmp_path / "gated.dcm", array=1)) == pytest.approx({z: n + 100 for z, n in expected.items()})
 
 

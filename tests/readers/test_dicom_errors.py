@@ -45,7 +45,7 @@ def test_missing_slices_are_empty(tmp_path: Path) -> None:
 
 def test_uneven_slices_are_told(tmp_path: Path) -> None:
     volume = sg.load(placed(tmp_path / "ct", [0, 2.5, 5.3, 7.5, 10]))
-    assert len(volume.notes) == 1 and "uneven slices: drawn 2.5" in volume.notes[0]
+    assert len(volume.notes) == 1 and "uneven slices: rendered 2.5" in volume.notes[0]
     assert volume.spacing[2] == pytest.approx(2.5, rel=0.01) and volume.shape[0] == 5
 
 
@@ -119,7 +119,7 @@ def test_several_images_at_each_place(tmp_path: Path, tag: str, values: tuple[ob
         save(image(plane, n, InstanceNumber=n + 9, **{tag: values[1]}), folder / f"x{n}.dcm")
     volume = sg.load(folder)
     name, listed = ("array", " (12, 90.5)") if title == "echo times" else ("time", "")
-    assert volume.notes == (f"2 {title} at each place{listed}: number 0 is read; {name}=N picks another",)
+    assert volume.notes == (f"2 {title} at each position{listed}: number 0 is read; {name}=N picks another",)
     assert volume.times == (1 if listed else 2)
     assert (volume.samples == 7).all() and volume.shape[0] == 3
     assert (sg.load(folder, array=1).samples == 50).all() and sg.load(folder, array=1).notes == ()
@@ -129,7 +129,7 @@ def test_several_images_at_each_place(tmp_path: Path, tag: str, values: tuple[ob
 
 def test_some_places_have_two_images(tmp_path: Path) -> None:
     volume = sg.load(placed(tmp_path / "ct", [0, 1, 2, 3, 1, 2]))
-    assert volume.notes == ("2 images repeat the place of another: the first of each is read",)
+    assert volume.notes == ("2 images have the position of another one; the first of each is read",)
     np.testing.assert_array_equal(volume.samples, HU[:4])
 
 

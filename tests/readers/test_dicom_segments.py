@@ -133,7 +133,7 @@ def test_segments_over_their_images(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert red > 5 * green and found["1"][1] > found["1"][0]
     seg.rename(tmp_path / "ct" / "seg.dcm")
     (note,) = sg.load(tmp_path / "ct").notes
-    assert note == "segmentations in 1 files (SEG) beside the images are not drawn: --labels FILE adds one"
+    assert note == "segmentations in 1 files (SEG) next to the images are not rendered; --labels FILE adds one"
     with pytest.raises(InputError, match="channel: expected no value for images"):
         sg.load(tmp_path / "ct", channel=0)
 

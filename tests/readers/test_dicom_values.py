@@ -111,7 +111,7 @@ def test_dynamic_series_have_times(tmp_path: Path) -> None:
 
 def test_b_values_are_listed(tmp_path: Path) -> None:
     volume = sg.load(repeated(tmp_path / "a", [{"DiffusionBValue": b} for b in (0.0, 500.0, 1000.0)]))
-    assert volume.notes == ("3 b-values at each place (0, 500, 1000): number 0 is read; array=N picks another",)
+    assert volume.notes == ("3 b-values at each position (0, 500, 1000): number 0 is read; array=N picks another",)
     assert volume.times == 1
     folder = repeated(tmp_path / "b", [{}, {}])
     for path in folder.iterdir():
@@ -120,7 +120,7 @@ def test_b_values_are_listed(tmp_path: Path) -> None:
             0x0C, "IS", 1000 - 1000 * int(path.name[0])
         )
         save(data, path)
-    assert "2 b-values at each place (0, 1000)" in sg.load(folder).notes[0]
+    assert "2 b-values at each position (0, 1000)" in sg.load(folder).notes[0]
     assert (sg.load(folder, array=1).samples[0] == PLANE).all()
 
 
@@ -214,7 +214,7 @@ def test_mosaics_by_private_tags_and_in_time(tmp_path: Path) -> None:
     np.testing.assert_array_equal(volume.samples[:5], slices)
     assert volume.shape == (9, 4, 6) and "number of its slices is not stated" in volume.notes[0]
     mosaic(tmp_path / "c.dcm", {})
-    assert sg.load(tmp_path / "c.dcm").notes[0].startswith("a mosaic is drawn as it is")
+    assert sg.load(tmp_path / "c.dcm").notes[0].startswith("a mosaic is rendered as one image")
     (tmp_path / "times").mkdir()
     for n in range(3):
         mosaic(tmp_path / "times" / f"{n}.dcm", {"count": 5}, 10 * n, AcquisitionNumber=n + 1, InstanceNumber=n + 1)

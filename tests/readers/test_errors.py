@@ -115,7 +115,7 @@ BAD = [
     ("a.mhd", meta(file="a%99999999d.raw 0 3 1"), "a name%03d.raw FIRST LAST STEP"),
     ("a.mhd", meta(file="../a%d.raw 0 3 1"), "a name inside the header's folder"),
     ("a.mhd", meta(file="a%d.raw 0 9000000 1"), "expected 4 files of slices"),
-    ("a.mhd", meta(file="a%d.raw 0 3 1"), "a file beside the header"),
+    ("a.mhd", meta(file="a%d.raw 0 3 1"), "a file next to the header"),
     # names
     ("a.raw", bytes(140), "give shape=X,Y,Z and dtype=TYPE"),
     ("a.abc", bytes(140), "a name that ends in one of .npy, .npz, .raw"),

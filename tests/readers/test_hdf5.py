@@ -257,7 +257,7 @@ def test_uneven_scales_are_resampled_unless_spacing_is_said(tmp_path: Path) -> N
     assert volume.notes == (told,)
     assert volume.spacing == (1.5, 2.5, 4.0) and volume.shape == (7, 7, 5)
     given = load(path, spacing=(1, 2, 3))
-    assert given.spacing == (1, 2, 3) and given.shape == F.shape and "drawn as even" in given.notes[0]
+    assert given.spacing == (1, 2, 3) and given.shape == F.shape and "rendered as uniform" in given.notes[0]
     np.testing.assert_array_equal(given.direction, np.diag([1, -1, 1]))
     # of whole numbers the nearest, of others the line between
     np.testing.assert_array_equal(volume.samples[[0, 1, 3, 6]], given.samples)
@@ -319,7 +319,7 @@ def test_up_in_the_world_is_up(kind: str, flip: bool, tmp_path: Path) -> None:
     assert place[:2] == pytest.approx((13, 58)) and volume.unit == ""
     # what has another unit than degrees is drawn half as high as the picture is wide
     np.testing.assert_allclose((high - low)[:2], (26, 22))
-    assert (high - low)[2] == pytest.approx(13) and any("is drawn as" in note for note in volume.notes)
+    assert (high - low)[2] == pytest.approx(13) and any("is rendered as" in note for note in volume.notes)
 
 
 def test_a_jet_between_uneven_levels_stays_where_it_is(tmp_path: Path) -> None:
@@ -328,7 +328,7 @@ def test_a_jet_between_uneven_levels_stays_where_it_is(tmp_path: Path) -> None:
     data = np.broadcast_to((1000 - np.abs(levels - 300))[:, None, None], (12, 11, 26)).astype(np.float32)
     axes = {"pressure_level": (levels, {"units": "hPa"}), "latitude": LAT, "longitude": LON}
     volume = load(weather(tmp_path / "a.nc", axes, data))
-    factor = float(volume.notes[1].split("drawn as ")[1].split()[0])
+    factor = float(volume.notes[1].split("rendered as ")[1].split()[0])
     z = volume.origin[2] + volume.spacing[2] * volume.direction[2, 2] * np.arange(volume.shape[0])
     hectopascals = -z / factor
     np.testing.assert_allclose(hectopascals, np.arange(1000, 99, -50), rtol=1e-3)
@@ -361,7 +361,7 @@ def test_lengths_share_a_scale_and_an_axis_without_places_gets_an_aspect(tmp_pat
     axes = {"deptht": (np.arange(6) * 500.0, {"units": "m", "positive": "down"}), "y": (None, {}), "x": (None, {})}
     volume = load(weather(tmp_path / "b.nc", axes, np.zeros((6, 11, 26), np.float32)))
     assert volume.spacing == pytest.approx((1, 1, 13 / 6)) and volume.direction[2, 2] == -1
-    assert "1 m of deptht is drawn as" in volume.notes[0]
+    assert "1 m of deptht is rendered as" in volume.notes[0]
     with h5py.File(tmp_path / "b.nc", "a") as file:
         file["u"].attrs["coordinates"] = "nav_lat nav_lon time_centered"
     assert "two dimensions (nav_lat, nav_lon) are not used" in load(tmp_path / "b.nc").notes[1]

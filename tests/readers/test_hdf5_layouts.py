@@ -89,7 +89,7 @@ def test_nexus_leads_to_its_signal_and_its_axes(tmp_path: Path, style: str) -> N
     volume = load(nexus(tmp_path / "a.nxs", style))
     np.testing.assert_array_equal(volume.samples, F)
     assert (volume.spacing, volume.origin, volume.unit) == ((0.25, 0.5, 2), (0, 0, 10), "um")
-    assert "/entry/result/volume is drawn" in volume.notes[0] and "/entry/result/errors" in volume.notes[0]
+    assert "/entry/result/volume is rendered" in volume.notes[0] and "/entry/result/errors" in volume.notes[0]
     assert not load(tmp_path / "a.nxs", array="/entry/result/errors").samples.any()
 
 
@@ -122,7 +122,7 @@ def test_matlab_has_rows_columns_and_pages(tmp_path: Path, monkeypatch: pytest.M
     np.testing.assert_array_equal(load(path).samples, F)
     magnitude = load(matlab(tmp_path / "b.mat", rows * (3 + 4j), "double"))
     np.testing.assert_allclose(magnitude.samples, 5 * F, rtol=1e-6)
-    assert "complex numbers are drawn by their magnitude" in magnitude.notes
+    assert "complex numbers are rendered by their magnitude" in magnitude.notes
     np.testing.assert_array_equal(load(matlab(tmp_path / "c.mat", RGB.transpose(1, 2, 0, 3), "uint8")).color, RGB)
     np.testing.assert_array_equal(load(matlab(tmp_path / "d.mat", RGB.transpose(1, 2, 3, 0), "uint8")).color, RGB)
     monkeypatch.setattr(hdf5_files, "WHOLE_BYTES", 100)
@@ -194,7 +194,7 @@ def test_bytes_of_three_or_four_are_colours(tmp_path: Path) -> None:
             file.create_dataset("a", data=color, chunks=(2, 5, 6, count), compression="gzip")
         volume = load(tmp_path / "a.h5")
         np.testing.assert_array_equal(volume.color, RGB)
-        assert any("taken for a colour" in note for note in volume.notes)
+        assert any("read as a colour" in note for note in volume.notes)
         np.testing.assert_array_equal(load(tmp_path / "a.h5", channel=1).samples, RGB[..., 1])
 
 
@@ -250,7 +250,7 @@ def test_vtkhdf_of_points_and_cells_is_where_vtk_has_it(tmp_path: Path) -> None:
 def test_vtk_has_colours_and_vectors(tmp_path: Path, ending: str) -> None:
     volume = load(write_vtk(vtk_image({"rgb": RGB}), tmp_path / f"a{ending}"))
     np.testing.assert_array_equal(volume.color, RGB)
-    assert any("taken for a colour" in note for note in volume.notes)
+    assert any("read as a colour" in note for note in volume.notes)
     flow = np.stack([F, 2 * F, -F], -1)
     volume = load(write_vtk(vtk_image({"flow": flow}), tmp_path / f"b{ending}"))
     np.testing.assert_array_equal(volume.vectors, flow)
@@ -262,7 +262,7 @@ def test_steps_and_names_of_vtkhdf(tmp_path: Path) -> None:
         del file["VTKHDF/PointData/a"]
         file["VTKHDF/PointData/a"], file["VTKHDF/PointData/b"] = np.stack([F, F + 1]), np.stack([F + 2, F + 3])
         file.create_group("VTKHDF/Steps").attrs["NSteps"] = 2
-    assert load(path).times == 2 and "array a of 2 is drawn" in load(path).notes[0]
+    assert load(path).times == 2 and "array a of 2 is rendered" in load(path).notes[0]
     np.testing.assert_array_equal(load(path, array="b", time=1).samples, F + 3)
     np.testing.assert_array_equal(load(path, array="/VTKHDF/PointData/a", channel=1).samples, F + 1)
     with h5py.File(path, "a") as file:

@@ -132,7 +132,7 @@ def test_complex_mrc_is_drawn_by_its_magnitude(tmp_path: Path, order: str) -> No
     for name in ("a.mrc", "b.mrc"):
         volume = load(tmp_path / name)
         np.testing.assert_allclose(volume.samples, np.abs(values))
-        assert volume.notes == ("complex numbers are drawn by their magnitude",) and volume.spacing == (2, 2, 2)
+        assert volume.notes == ("complex numbers are rendered by their magnitude",) and volume.spacing == (2, 2, 2)
 
 
 # --- Analyze, MGH ----------------------------------------------------------------------------------------------------

@@ -87,7 +87,7 @@ def test_colors_and_gaps_of_czi(tmp_path: Path) -> None:
     count = int.from_bytes(data[at : at + 4], "little")
     (tmp_path / "b.czi").write_bytes(data[:at] + (count - 2).to_bytes(4, "little") + data[at + 4 :])
     gap = load(tmp_path / "b.czi", time=1, channel="GFP")
-    assert "1 planes are not in the file, and are drawn as 0" in gap.notes
+    assert "1 planes are missing in the file, and are rendered as 0" in gap.notes
     np.testing.assert_array_equal(gap.samples, STACK[1, 1] * np.array([1, 1, 0], np.uint16)[:, None, None])
 
 

@@ -42,9 +42,9 @@ def test_tiff_imagej(tmp_path: Path) -> None:
     [
         ([10, 12.5, 15], None, 2.5, ""),
         ([10, 12.5, 15], 2.5, 2.5, ""),
-        ([15, 12.5, 10], None, 2.5, "run down by their positions"),
-        ([10, 12, 15], 2, 2, "2 to 3 um apart by their positions, and are drawn evenly"),
-        ([10, 12.5, 15], 4, 4, "2.5 um apart by their positions, but drawn 4 um apart"),
+        ([15, 12.5, 10], None, 2.5, "descend by their positions"),
+        ([10, 12, 15], 2, 2, "2 to 3 um apart by their positions, and are rendered evenly"),
+        ([10, 12.5, 15], 4, 4, "2.5 um apart by their positions, but rendered 4 um apart"),
         ([10, 10, 10], 4, 4, ""),
     ],
 )

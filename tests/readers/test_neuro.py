@@ -59,7 +59,7 @@ def test_lists_of_nrrd(tmp_path: Path, seed: Seed) -> None:
         (tmp_path / name).write_bytes(data)
     assert np.array_equal(load(tmp_path / "a.nhdr").samples, CUBE)
     (tmp_path / "s3.raw").unlink()
-    with pytest.raises(InputError, match="data file: expected a file beside the header"):
+    with pytest.raises(InputError, match="data file: expected a file next to the header"):
         load(tmp_path / "a.nhdr")
 
 

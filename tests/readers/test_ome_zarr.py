@@ -201,7 +201,7 @@ def test_fields_of_wells(tmp_path: Path, version: str, capsys: pytest.CaptureFix
     for options, message in (
         ({"well": "C/3"}, "well: expected one of A/1, A/3, B/1, B/3, got 'C/3'"),
         ({"field": 2}, "field: expected a number from 0 to 1 in well A/1"),
-        ({"well": "B/3", "array": "B/3/x"}, "array: expected none beside well and field"),
+        ({"well": "B/3", "array": "B/3/x"}, "array: expected none together with well and field"),
     ):
         with pytest.raises(InputError, match=message):
             load(path, **options)

@@ -71,7 +71,7 @@ def test_pcd(kind: str, tmp_path: Path) -> None:
     volume = sg.load(tmp_path / "a.pcd")
     assert (
         volume.points is not None
-        and volume.notes[0] == "1 of 40 points have no place or are withheld, and are left out"
+        and volume.notes[0] == "1 of 40 points have no position or are withheld, and are skipped"
     )
     assert np.array_equal(volume.points.places, np.delete(places, 3, axis=0))
     assert np.allclose(volume.points.colors, linear_from_srgb(BYTES[1] / 255), atol=1e-6)
@@ -256,4 +256,4 @@ def test_withheld_points_are_left_out(tmp_path: Path) -> None:
     cloud.write(tmp_path / "a.las")
     volume = sg.load(tmp_path / "a.las")
     assert volume.points is not None and len(volume.points.places) == 45
-    assert "15 of 60 points have no place or are withheld" in volume.notes[0]
+    assert "15 of 60 points have no position or are withheld" in volume.notes[0]

@@ -103,7 +103,7 @@ def test_spacing_of_slices(tmp_path: Path) -> None:
 def test_a_missing_number_is_told(tmp_path: Path) -> None:
     folder = slices(tmp_path / "a")
     (folder / "s_10.tif").unlink()
-    assert "number 10 is missing: the slices around it are drawn as neighbours" in load(folder).notes
+    assert "number 10 is missing: the slices around it are rendered as neighbours" in load(folder).notes
     # an even count of every second number is none
     even = slices(tmp_path / "b", "s_{}0.tif")
     assert not any("missing" in note for note in load(even).notes)

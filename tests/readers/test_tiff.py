@@ -188,7 +188,7 @@ def test_units_of_geotiff(tmp_path: Path) -> None:
     metres = 6371000 * np.pi / 180 / 1200
     middle = 47 - 32 / 1200
     assert volume.spacing[:2] == pytest.approx((metres * np.cos(np.radians(middle)), metres))
-    assert volume.notes == ("degrees are drawn as metres at latitude 46.97°",)
+    assert volume.notes == ("degrees are converted to metres at latitude 46.97°",)
     assert load(tmp_path / "a.tif", relief=500.0).spacing[2] == pytest.approx(500 / 102)
     with pytest.raises(InputError, match="relief: expected no value beside spacing"):
         load(tmp_path / "a.tif", relief=500.0, spacing=(1, 1, 1))
@@ -265,7 +265,7 @@ def test_a_microscopes_plane_is_no_terrain(tmp_path: Path, capsys: pytest.Captur
             Image.fromarray(pixels).save(tmp_path / name)
         volume = load(tmp_path / name)
         assert np.array_equal(volume.samples, pixels[None])
-        assert volume.notes == ("a single picture is drawn as a plane: --values heights draws it as a terrain",)
+        assert volume.notes == ("a single picture is rendered as a plane; --values heights renders it as a terrain",)
         assert load(tmp_path / name, values="heights").shape == (103, 64, 80)
     assert main(["info", str(tmp_path / "c.tif")]) == 0
     assert "--values heights" in capsys.readouterr().err
@@ -280,7 +280,7 @@ def test_a_map_of_heights_is_a_terrain(tmp_path: Path) -> None:
         else:
             Image.fromarray(pixels).save(tmp_path / name)
         volume = load(tmp_path / name)
-        told = "a single picture is drawn as heights of a terrain: --values amounts draws it as a plane"
+        told = "a single picture is rendered as a terrain; --values amounts renders it as a plane"
         assert volume.shape == (103, 64, 80) and volume.notes == (told,)
         assert np.array_equal(load(tmp_path / name, values="amounts").samples, pixels[None])
         assert load(tmp_path / name, values="labels").labels == ()
@@ -389,12 +389,12 @@ def test_complex_numbers_tables_of_colours_and_turned_rows(tmp_path: Path) -> No
     for name in ("a.tif", "slices"):
         volume = load(tmp_path / name)
         np.testing.assert_allclose(volume.samples, np.abs(values), rtol=1e-6)
-        assert "complex numbers are drawn by their magnitude" in volume.notes
+        assert "complex numbers are rendered by their magnitude" in volume.notes
     table = np.zeros((3, 256), np.uint16)
     options = {"photometric": "palette", "colormap": table, "extratags": [(274, "H", 1, 3, True)]}
     tifffile.imwrite(tmp_path / "b.tif", np.zeros((3, 4, 5), np.uint8), **options)
     notes = " ".join(load(tmp_path / "b.tif").notes)
-    assert "colours in the file's table" in notes and "orientation is not applied" in notes
+    assert "the file's colour table" in notes and "orientation is not applied" in notes
 
 
 @pytest.mark.parametrize(
@@ -458,7 +458,7 @@ def test_ome_in_several_files(tmp_path: Path) -> None:
     volume = load(tmp_path / "t0_c0.ome.tif", channel="all", time=1)
     assert not np.asarray(volume.channels[0].samples).any()
     assert np.array_equal(volume.channels[1].samples, stack[1, 1])
-    assert "3 planes are in files that are not here, and are drawn as 0" in volume.notes
+    assert "3 planes are in missing files, and are rendered as 0" in volume.notes
 
 
 def test_ome_names_files_of_its_folder_only(tmp_path: Path) -> None:

@@ -92,7 +92,7 @@ def test_three_numbers_of_scalars_are_a_vector(tmp_path: Path) -> None:
     field = np.random.default_rng(2).normal(size=(4, 5, 6, 3)).astype(np.float32)
     itk.WriteImage(itk.GetImageFromArray(field, isVector=True), tmp_path / "a.vtk")
     volume = load(tmp_path / "a.vtk")
-    assert np.array_equal(volume.vectors, field) and "taken for a vector" in volume.notes[0]
+    assert np.array_equal(volume.vectors, field) and "read as a vector" in volume.notes[0]
     assert np.array_equal(load(tmp_path / "a.vtk", channel=2).samples, field[..., 2])
 
 
@@ -228,7 +228,7 @@ def test_ids_bits_and_cells_of_legacy_files(tmp_path: Path) -> None:
     path.write_bytes(bits + more)
     volume = load(path)
     assert np.array_equal(volume.samples, values % 3 == 0) and volume.samples.dtype == bool
-    assert volume.notes == ("array mask of 2 is drawn; --array picks another: d",)
+    assert volume.notes == ("array mask of 2 is rendered; --array picks another: d",)
     assert np.array_equal(load(path, array="d").samples, values) and not load(path, array="d").notes
     for whole in (bits, image_of("5 4 3", "POINT_DATA 60\nSCALARS ids vtkIdType 1", bytes(240))):
         path.write_bytes(whole[:-4])
@@ -260,6 +260,6 @@ def test_the_active_array_is_drawn_without_hidden_points(tmp_path: Path) -> None
         np.testing.assert_array_equal(volume.samples, np.where(values < 7, np.nan, 2 * values))
         what = "cells" if of_cells else "points"
         assert volume.notes == (
-            "array second of 2 is drawn; --array picks another: first",
+            "array second of 2 is rendered; --array picks another: first",
             f"7 {what} that the file hides are left out",
         )

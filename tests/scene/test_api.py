@@ -155,7 +155,7 @@ def test_splats_refuse_what_they_were_extracted_with(volume: sg.Volume) -> None:
         with pytest.raises(sg.InputError, match=f"splats: expected a view and settings, got {next(iter(options))}"):
             sg.render(splats, **options)
     camera = sg.Camera.orbit(volume)
-    with pytest.raises(sg.InputError, match="no view beside a camera, got zoom"):
+    with pytest.raises(sg.InputError, match="no view together with a camera, got zoom"):
         sg.render(splats, camera=camera, zoom=2)
 
 

@@ -279,7 +279,7 @@ def test_the_unit_of_files_and_of_movies(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("transfer", [sg.Transfer(POINTS), "mri", {"points": POINTS}])
 def test_no_preset_beside_a_transfer_function(transfer: Any) -> None:
-    with pytest.raises(InputError, match="preset: expected none beside a transfer function"):
+    with pytest.raises(InputError, match="preset: expected none together with a transfer function"):
         sg.render(field(), transfer, preset="surface")
 
 
@@ -412,7 +412,7 @@ def test_depths_of_a_scene_are_those_of_its_volume() -> None:
     camera = sg.Camera.orbit(x, 70, size=(SIZE, SIZE))
     cut = sg.depth_map(sg.Scene([sg.Layer(x, look)], clip="x>0.5"), camera=camera)
     assert np.array_equal(cut, sg.depth_map(x, look, camera, clip="x>0.5"), equal_nan=True)
-    with pytest.raises(InputError, match="transfer: expected none beside a scene"):
+    with pytest.raises(InputError, match="transfer: expected none together with a scene"):
         sg.depth_map(scene, look)
     with pytest.raises(InputError, match="clip: expected planes of four finite numbers"):
         sg.depth_map(scene, clip="x>0.5")

@@ -212,7 +212,7 @@ def test_matter_beyond_the_room_is_drawn_in_parts(
         monkeypatch.setattr(layer_tiles, "ROOM", room)
         assert np.array_equal(renderer.render(field, camera, PLAIN).pixels, image.pixels)
     monkeypatch.setattr(layer_tiles, "ROOM", 10)
-    with pytest.raises(sg.InputError, match="hold more matter than there is room for"):
+    with pytest.raises(sg.InputError, match="need too much GPU memory"):
         renderer.render(field, camera, PLAIN)
     monkeypatch.undo()
     assert np.array_equal(renderer.render(field, camera, PLAIN).pixels, image.pixels)

@@ -101,7 +101,11 @@ def explain(
         known = [message for trait, message in door.refuses.items() if trait in has]
         same = plain(drawn) in (plain(text) for text in (base, picture) if isinstance(text, str))
         return None if same or any(re.search(message, drawn) for message in known) else f"{name} refuses: {drawn}"
-    if isinstance(base, str) and door.is_open and re.search("expected (layers|voxels) with an opacity.*got none", base):
+    if (
+        isinstance(base, str)
+        and door.is_open
+        and re.search("expected (layers with an opacity|voxels with an opacity|visible voxels).*got none", base)
+    ):
         return None if (drawn.pixels == drawn.pixels[0, 0]).all() else f"{name} shows what is hidden"
     if isinstance(base, str):
         return f"{name} draws what is refused: {base}"

@@ -151,11 +151,11 @@ def test_nested_areas_are_labels_by_name() -> None:
 def test_the_choice_is_told_and_an_option_changes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     np.save(tmp_path / "a.npy", atlas(40).astype(np.uint16))
     np.save(tmp_path / "c.npy", counts(1).astype(np.uint8))
-    for name, said, other in (("a", "drawn as labels", "amounts"), ("c", "drawn as amounts", "labels")):
+    for name, said, other in (("a", "rendered as labels", "amounts"), ("c", "rendered as amounts", "labels")):
         path = str(tmp_path / f"{name}.npy")
         assert main(["info", path]) == 0
         err = capsys.readouterr().err
-        assert said in err and f"--values {other} draws" in err and err.count("\n") == 1
+        assert said in err and f"--values {other} renders" in err and err.count("\n") == 1
         scene = SceneFile(path, {"values": other})
         volume = scene.open()
         assert not volume.notes and bool(scene.transfer_for(volume).labels) == (other == "labels")

@@ -282,7 +282,7 @@ def test_statistics_are_sentences() -> None:
     document = Document.open(SceneFile("tunnel"))
     assert hud.describe_picture(document, None) == "No picture yet."
     full: Any = SimpleNamespace(full=True, seconds=0.041, info={"error_bound": 0.0031})
-    words = "% of the voxels have an opacity. The picture took 0.041 s, and is right to 0.0031 of full brightness."
+    words = "% of the voxels have an opacity. The picture took 0.041 s; the maximum error is 0.0031 of full brightness."
     assert words in hud.describe_picture(document, full)
     moving: Any = SimpleNamespace(full=False, seconds=0.02)
     assert hud.describe_picture(document, moving) == "A picture in motion, coarser than at rest, in 0.02 s."

@@ -71,8 +71,8 @@ def test_clouds_of_points_have_no_value_there(tmp_path: Path) -> None:
     document = Document.open(SceneFile(str(tmp_path / "a.ply")))
     state = State.of(document, SIZE)
     found = under_cursor(state, document, (80, 60))
-    assert describe_pick(found, document) == ("points: no value or place here",)
-    assert add_ruler_point(state, document, (80, 60)).message == "points: no value or place here to measure from"
+    assert describe_pick(found, document) == ("points: no value or position here",)
+    assert add_ruler_point(state, document, (80, 60)).message == "points: no value or position here to measure from"
 
 
 def measured(state: State, name: str, document: Document, *places: tuple[float, float]) -> State:

@@ -195,8 +195,8 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
     "cuts": lambda before, after: "nothing is cut" in after["message"],
     "plane": lambda before, after: len(after["settings"]["clip"]) == 1 and after["cuts"]["shown"],
     "uncut": lambda before, after: "nothing is cut" in after["message"],
-    "scissors": lambda before, after: "draw around what to remove" in after["message"],
-    "scissors-keep": lambda before, after: "draw around what to keep" in after["message"],
+    "scissors": lambda before, after: "draw a lasso around the part to remove" in after["message"],
+    "scissors-keep": lambda before, after: "draw a lasso around the part to keep" in after["message"],
     "focus": lambda before, after: after["focused"] or "pip install" in after["message"],
     "quit": lambda before, after: after["closed"],
 }

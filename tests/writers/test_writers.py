@@ -219,12 +219,14 @@ def test_colours_come_back(tmp_path: Path, rng: np.random.Generator) -> None:
     for suffix in (".nrrd", ".mha", ".nii"):
         field.save(tmp_path / f"v{suffix}")
         assert np.array_equal(sg.load(tmp_path / f"v{suffix}").placed("LPS").vectors, vectors)
-    assert field.save(tmp_path / "v.ome.tif")[0].endswith("vectors beside samples")
+    assert field.save(tmp_path / "v.ome.tif")[0].endswith("vectors in addition to samples")
     # samples that say something else
-    assert replace(field, samples=volume.samples).save(tmp_path / "s.nrrd") == ("NRRD holds no vectors beside samples",)
+    assert replace(field, samples=volume.samples).save(tmp_path / "s.nrrd") == (
+        "NRRD holds no vectors in addition to samples",
+    )
     assert np.array_equal(sg.load(tmp_path / "s.nrrd").samples, volume.samples)
     notes = replace(volume, samples=volume.samples + 1).save(tmp_path / "s.mha")
-    assert notes == ("the samples beside the colours are not written",)
+    assert notes == ("samples are not written where there are colours",)
 
 
 @pytest.mark.parametrize("suffix", [".nii", ".nrrd", ".mha", ".ome.tif", ".zarr"])

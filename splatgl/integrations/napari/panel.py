@@ -93,17 +93,17 @@ def left_out(viewer: Any, layers: Sequence[Any], blend: str) -> Iterator[str]:
     """A line for each thing that napari shows and the picture does not."""
     for layer in viewer.layers:
         if layer.visible and layer not in layers:
-            yield f"not drawn: {layer.name}, a {kind_of(layer)} layer of {layer.ndim} axes"
+            yield f"not rendered: {layer.name}, a {kind_of(layer)} layer of {layer.ndim} axes"
     if viewer.dims.ndisplay == 2:
-        yield "all voxels are drawn: the 2-D view shows a slice"
+        yield "all voxels are rendered; the 2-D view shows a slice"
     for layer in layers:
         rendering = rendering_of(layer)
         if kind_of(layer) == "Image" and RENDERINGS.get(rendering) != blend:
-            yield f"{layer.name}: drawn as {blend}, not as {rendering}"
+            yield f"{layer.name}: rendered as {blend}, not as {rendering}"
         if str(getattr(layer, "depiction", "volume")) == "plane":
-            yield f"{layer.name}: drawn as a volume, not as a plane"
+            yield f"{layer.name}: rendered as a volume, not as a plane"
     if len(layers) > 1:
-        yield "layers are mixed by depth, not laid over each other"
+        yield "layers are composited by depth, not blended as images"
 
 
 def _layer(layer: Any, viewer: Any, settings: Settings) -> Layer:

@@ -99,7 +99,7 @@ def list_differences(x: Any) -> Iterator[str]:
     visible = [prop for prop in items(renderer.GetViewProps()) if prop.GetVisibility()]
     kinds = [name for prop in visible for name in _prop_differences(prop)]
     for name in dict.fromkeys(kinds):
-        yield f"not drawn: {name}" + (f", {kinds.count(name)} times" if kinds.count(name) > 1 else "")
+        yield f"not rendered: {name}" + (f", {kinds.count(name)} times" if kinds.count(name) > 1 else "")
     mappers = [prop.GetMapper() for prop in _volumes(renderer)]
     if any(mapper.GetBlendMode() == ADDITIVE for mapper in mappers) and any(renderer.GetBackground()):
         yield "the background is seen through sums, not black behind the volume's box"
@@ -118,14 +118,14 @@ def list_differences(x: Any) -> Iterator[str]:
     if renderer.GetGradientBackground():
         yield "the background is the mean of its gradient"
     if renderer.GetTexturedBackground() or renderer.GetBackgroundTexture() is not None:
-        yield "not drawn: the background's texture"
+        yield "not rendered: the background's texture"
     if renderer.GetPass() is not None:
-        yield "not drawn: effects of render passes"
+        yield "not rendered: effects of render passes"
     window = renderer.GetRenderWindow()
     # PyVista adds an empty renderer for its background
     others = [] if window is None else [other for other in items(window.GetRenderers()) if other is not renderer]
     if any(other.GetViewProps().GetNumberOfItems() for other in others):
-        yield "not drawn: other renderers of the window"
+        yield "not rendered: other renderers of the window"
 
 
 def _prop_differences(prop: Any) -> Iterator[str]:
