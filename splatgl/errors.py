@@ -28,7 +28,8 @@ def warn(notes: Iterable[str], of: object) -> None:
 
 
 class MissingOption(InputError):
-    """Missing option: the file holds several things, of which the option picks one, or lacks what the option states.
+    """Missing option: the file contains several things, of which the option picks one, or does not contain the stated
+    one.
 
     option: the reader option (a field of LoadOptions). choices: (name, description) of the possible choices, listed by
     `splatgl info`; the message is complete without them.
@@ -57,7 +58,7 @@ def expected(what: object, this: object, got: object, fix: str = "") -> InputErr
 
 @contextmanager
 def error_prefix(what: str) -> Iterator[None]:
-    """Puts the place of a value, such as a table of a file, before the message of an InputError."""
+    """Prefixes an InputError with the location of a value, such as a table of a file."""
     try:
         yield
     except InputError as error:

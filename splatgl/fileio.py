@@ -221,7 +221,7 @@ def parse_table(text: str, expectation: str) -> dict[str, Any]:
 
 
 def toml_value(what: str, value: Any) -> str:
-    """A string, number, boolean, or sequence of them as TOML. Raises InputError for what TOML cannot hold."""
+    """A string, number, boolean, or sequence of them as TOML. Raises InputError for values that TOML cannot store."""
     if isinstance(value, str):
         # JSON escapes everything that TOML requires, except DEL
         text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
@@ -256,7 +256,7 @@ def write_file(target: Path, data: bytes) -> None:
 
 @contextmanager
 def atomic_write(target: Path) -> Iterator[Path]:
-    """Yields a temporary file beside `target`, which replaces it at the end and takes its mode; removed on failure.
+    """Yields a temporary file next to `target`, which replaces it at the end and takes its mode; removed on failure.
 
     The target of a link is replaced, not the link. Missing folders are made. Raises InputError if the file cannot be
     written; no new folder is left then.
@@ -315,7 +315,7 @@ def _mode(real: Path) -> int:
 
 @contextmanager
 def atomic_folder(target: Path) -> Iterator[Path]:
-    """Yields a path beside `target`, a free name, that becomes it at the end; the folder there is removed on failure.
+    """Yields a path next to `target`, a free name, that becomes it at the end; the folder there is removed on failure.
 
     Missing parents are made. Raises InputError if it cannot be written.
     """
@@ -333,7 +333,7 @@ def atomic_folder(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def new_folder(folder: Path) -> Iterator[None]:
-    """Makes a folder and its missing parents; removes them if the work in it fails, unless they hold files."""
+    """Makes a folder and its missing parents; removes them if the work in it fails, unless they contain files."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)

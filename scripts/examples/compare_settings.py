@@ -1,4 +1,4 @@
-"""What a setting changes: the paper's practical splats beside the exact ones: compare_settings.py PNG."""
+"""What a setting changes: the paper's practical splats next to the exact ones: compare_settings.py PNG."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A segmentation: voxel by voxel, as smooth surfaces, and one segment of it beside the volume."""
+"""A segmentation: voxel by voxel, as smooth surfaces, and one segment of it next to the volume."""
 
 import numpy as np
 

@@ -469,7 +469,7 @@ class FrameFiles:
 
     @classmethod
     def at(cls, output: str, mark: str) -> FrameFiles:
-        """Paths for an --output: a template, or the name of a movie, whose frames are stored in a folder beside it.
+        """Paths for an --output: a template, or the name of a movie, whose frames are stored in a folder next to it.
 
         Raises InputError for other names, and if frames cannot be written. The first frame creates the folder.
         """

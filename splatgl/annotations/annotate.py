@@ -94,7 +94,7 @@ def compose(layer: Canvas, view: AnnotationView, names: Sequence[str]) -> None:
 
 
 def draw_behind(layer: Canvas, view: AnnotationView, names: Sequence[str]) -> None:
-    """Draws the lines that lie behind the image."""
+    """Draws the lines behind the image."""
     for row in _rows(names):
         if row.lines is not None:
             row.lines[1](layer, view)

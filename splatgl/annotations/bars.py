@@ -150,13 +150,13 @@ class ColorBar:
     logarithmic: bool = False
 
     def down(self, value: float) -> float:
-        """Place of a value: 0 at the upper end, 1 at the lower end."""
+        """Position of a value: 0 at the upper end, 1 at the lower end."""
         if self.logarithmic:
             return math.log(self.high / value) / math.log(self.high / self.low)
         return (self.high - value) / (self.high - self.low)
 
     def marks(self) -> list[float]:
-        """Values written beside the bar."""
+        """Values written next to the bar."""
         return (log_ticks if self.logarithmic else ticks)(self.low, self.high, MOST_TICKS)
 
 

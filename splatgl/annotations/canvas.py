@@ -122,7 +122,7 @@ class Canvas:
         return max(1.25, self.em / 10)
 
     def free(self, rect: Rect) -> bool:
-        """Whether a place is within the image and not taken."""
+        """Whether a rectangle is within the image and free."""
         width, height = self.size
         inside = rect.left >= 0 and rect.top >= 0 and rect.right <= width and rect.bottom <= height
         return inside and not any(rect.meets(other) for other in self.taken)
@@ -138,7 +138,7 @@ class Canvas:
         return bool((part[..., 3] <= EMPTY).all())
 
     def reserve(self, places: Sequence[Rect], name: str) -> Rect | None:
-        """Reserves a free place, the first where the image is empty if any; None, with a note, if none is free."""
+        """Reserves a free rectangle, preferably where the image is empty; None, with a note, if none is free."""
         free = [place for place in places if self.free(place)]
         reserved = next((place for place in free if self.empty(place)), free[0] if free else None)
         if reserved is not None:
@@ -159,7 +159,7 @@ class Canvas:
             self.text(text, rect.left, rect.top, color)
 
     def mark(self, mark: Mark) -> None:
-        """Records what is drawn."""
+        """Records a drawn rectangle."""
         if self.marks is not None:
             self.marks.append(mark)
 

@@ -33,7 +33,7 @@ def label(lines: tuple[str, ...], scale: float = 1.0) -> np.ndarray:
 
 
 def place_label(place: tuple[float, float], size: tuple[int, int], window: tuple[int, int], gap: float) -> Box:
-    """Left, top, right, bottom of a label of `size` beside a place, on the side where the window has room."""
+    """Left, top, right, bottom of a label of `size` next to a position, on the side where the window has room."""
     corner = []
     for at, long, room in zip(place, size, window, strict=True):
         start = at + gap if at + gap + long <= room else at - gap - long
@@ -149,7 +149,7 @@ def text_box(text: Text, size: tuple[int, int], scale: float) -> tuple[int, int,
 
 
 class TextBlock(NamedTuple):
-    """A text in place: cells with their places, font height, margin and size, pixels."""
+    """A text layout: cells with their positions, font height, margin and size, pixels."""
 
     cells: tuple[tuple[str, float, int], ...]
     height: int

@@ -39,7 +39,7 @@ TOWARDS = np.array([-0.6, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """Edge of the box from corner to corner; outer: is on the outline; hidden: lies behind the box."""
+    """Edge of the box from corner to corner; outer: is on the outline; hidden: is behind the box."""
 
     axis: int
     corners: tuple[int, int]
@@ -68,7 +68,7 @@ def edges(corners: np.ndarray, camera: Camera) -> list[Edge]:
 
 
 def project_points(points: np.ndarray, camera: Camera) -> np.ndarray:
-    """Pixel places [N, 2] of world points [N, 3] in front of the eye."""
+    """Pixel positions [N, 2] of world points [N, 3] in front of the eye."""
     eye_points = camera.eye_from_points(points)
     scale = np.asarray(camera.pixel_pitch(eye_points[:, 2]))[:, None]
     return np.asarray(eye_points[:, :2] / scale + np.array(camera.size) / 2)
@@ -86,7 +86,7 @@ def clip_to_front(ends: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def draw_behind(layer: Canvas, view: AnnotationView) -> None:
-    """Draws the edges that lie behind the box, dashed."""
+    """Draws the edges behind the box, dashed."""
     subject, camera = view.subject, view.camera
     hidden = [edge for edge in edges(subject.corners, camera) if edge.hidden]
     em = layer.em
@@ -153,7 +153,7 @@ def outward_direction(edge: Edge, subject: AnnotatedSubject, camera: Camera) -> 
 
 
 def marks(subject: AnnotatedSubject, edge: Edge, camera: Camera, em: int) -> tuple[np.ndarray, list[str], str]:
-    """World places [N, 3] of an edge's ticks, their texts, and the name of the axis.
+    """World positions [N, 3] of an edge's ticks, their texts, and the name of the axis.
 
     Along a world axis the ticks are coordinates, those of the file if it has some, else lengths from the first corner
     along grid axis i, j or k.

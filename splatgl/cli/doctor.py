@@ -68,7 +68,7 @@ def _installed() -> tuple[str, ...]:
 
 
 def describe_header(path: str) -> list[str]:
-    """Lines that describe a file without its name, its texts and its values; how it is refused, if it is."""
+    """Lines that describe a file without its name, its texts and its values; how it is rejected, if it is."""
     source = Path(path)
     lines = [f"  ends in    {''.join(source.suffixes[-2:]) or 'nothing'}"]
     if source.is_file():

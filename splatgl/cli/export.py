@@ -93,7 +93,7 @@ def _read_times(
 
 
 def crop_volume(volume: Volume, text: str) -> Volume:
-    """The voxels A:B,C:D,E:F of a volume, which are read when they are needed. Raises InputError for other text."""
+    """The voxels A:B,C:D,E:F of a volume, read on demand. Raises InputError for other text."""
     ends = crop_ends(text, volume.shape)
     box = tuple(slice(*pair) for pair in ends[::-1])
     low = [begin for begin, _ in ends]

@@ -60,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 class SafeStream(io.TextIOBase):
-    """Standard output or error that may be missing, closed or full: no work stops because of what cannot be printed.
+    """Standard output or error that may be missing, closed or full: failed prints do not stop the work.
 
     stream: Python's own, or None. error: of the first text that was not written; nothing is written after it.
     """

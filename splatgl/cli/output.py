@@ -51,7 +51,7 @@ class OutputOptions:
         return self.quiet or self.json
 
     def report(self, image: Image, scene: OpenScene) -> str:
-        """Text on what was drawn: JSON, a summary, or nothing."""
+        """Text on the rendered picture: JSON, a summary, or nothing."""
         if self.json:
             return as_json(self.source, self.path, image, scene)
         if self.quiet:

@@ -1,4 +1,4 @@
-"""`splatgl pick`: the value and place under a pixel of the picture that `render` draws with the same options."""
+"""`splatgl pick`: the value and position under a pixel of the picture that `render` draws with the same options."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Prints the value and the place; returns 0, or NOTHING."""
+    """Prints the value and the position; returns 0, or NOTHING."""
     from splatgl.reference.depth_pick import pick
 
     file = scene_from(args)

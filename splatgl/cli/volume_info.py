@@ -75,7 +75,7 @@ def describe(volume: Volume) -> str:
 
 
 def as_json(source: str, volume: Volume) -> str:
-    """One line of JSON on a volume. Reads the samples as `describe`; of points only their number is told."""
+    """One line of JSON on a volume. Reads the samples as `describe`; of points only their number is stated."""
     levels, number = _measured_level(volume)
     statistics = None if volume.points is not None else measure(levels[number])
     bins = histogram(levels[number], statistics) if statistics is not None and statistics.finite else None

@@ -1,4 +1,4 @@
-"""Numbers that by custom stand for no value, and distinct values."""
+"""Common marks of missing values, and distinct values."""
 
 from __future__ import annotations
 

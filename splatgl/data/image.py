@@ -273,7 +273,7 @@ class Image:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Lines on what the picture lacks, and on options without effect: info["notes"]."""
+        """Notes on omissions, and on options without effect: info["notes"]."""
         notes = self.info.get("notes", ())
         return notes if isinstance(notes, tuple) else ()
 
@@ -284,7 +284,7 @@ class Image:
 
     @property
     def camera(self) -> Camera:
-        """The camera that the picture was drawn by. Raises InputError for other pictures."""
+        """The camera of the picture. Raises InputError for pictures without one."""
         from splatgl.geometry.camera import Camera
 
         info: Any = self.info

@@ -1,4 +1,4 @@
-"""`Mask`: the part of the world that is kept, voxel by voxel on its own grid."""
+"""`Mask`: the part of the world that is visible, voxel by voxel on its own grid."""
 
 from __future__ import annotations
 

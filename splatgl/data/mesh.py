@@ -34,8 +34,8 @@ PLAIN, OF_VOLUME = CAPS = ("plain", "volume")
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """Colours of a mesh by place, which are not lit. light: of world points [P, 3], float64 [P, 4]: linear RGB and 1,
-    or 0 where there is a hole.
+    """Colours of a mesh by position, which are not lit. light: of world points [P, 3], float64 [P, 4]: linear RGB and
+    1, or 0 where there is a hole.
 
     texels: the same at texels, float32: linear RGB and 1 or 0 [H, W, 4], or places in the mesh's colour map [H, W],
     below KNOWN where there is a hole. texel_from_world [2, 4]: column and row at a point (x, y, z, 1). smooth: whether
@@ -49,7 +49,7 @@ class Texture:
 
     @property
     def mapped(self) -> bool:
-        """Whether texels are places in a colour map."""
+        """Whether texels are positions in a colour map."""
         return self.texels.ndim == 2
 
     def scaled(self, factors: np.ndarray) -> Texture:
@@ -396,7 +396,7 @@ ROUNDING = 1e-9
 
 
 def cap_meshes(mesh: Mesh, planes: Sequence[Plane]) -> list[tuple[Plane, Mesh]]:
-    """The caps that close what planes leave of a mesh, each with its plane. Raises InputError as `cap_mesh`."""
+    """The caps that close a clipped mesh, each with its plane. Raises InputError as `cap_mesh`."""
     distinct = list(dict.fromkeys(planes))
     caps = [(plane, cap_mesh(mesh, plane).cut([other for other in distinct if other != plane])) for plane in distinct]
     return [(plane, cap) for plane, cap in caps if len(cap)]

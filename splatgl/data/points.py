@@ -1,4 +1,4 @@
-"""`Points`: places without a grid, with colours and sizes of their own; the spacing of a cloud; classes of sizes."""
+"""`Points`: positions without a grid, with colours and sizes of their own; the spacing of a cloud; classes of sizes."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ ROUNDING = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Points at world places. places: float64 [N, 3], finite. colors: linear RGB, float32 [N, 3]. size: their diameter,
-    world units, at which their opacity is ½.
+    """Points at world positions. places: float64 [N, 3], finite. colors: linear RGB, float32 [N, 3]. size: their
+    diameter, world units, at which their opacity is ½.
     """
 
     places: np.ndarray
@@ -46,7 +46,7 @@ class Points:
 
     @property
     def bounds(self) -> np.ndarray:
-        """Least and largest coordinates [2, 3]."""
+        """Minimum and maximum coordinates [2, 3]."""
         return np.array([self.places.min(axis=0), self.places.max(axis=0)])
 
 

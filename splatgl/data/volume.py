@@ -109,7 +109,7 @@ class Label:
 
 @dataclass(frozen=True)
 class AxisCoordinate:
-    """A file's coordinate along an axis of the world: offset + slope · place, in its unit, under its name."""
+    """A file's coordinate along an axis of the world: offset + slope · position, in its unit, under its name."""
 
     name: str
     unit: str = ""
@@ -285,7 +285,7 @@ class Volume:
         return replace(_round_samples(self), coarser=tuple(map(_round_samples, self.coarser))) if off else self
 
     def masked(self, mask: Any, labels: Sequence[int] = (), outside: bool = False) -> Volume:
-        """The same samples, drawn only where a mask is not 0, or has one of `labels`.
+        """The same samples, visible only where a mask is not 0, or has one of `labels`.
 
         mask: a Volume on any grid in the same world; an array [D, H, W] on this grid; a file, or "FILE:3,7:outside" as
         on the command line; Scissors with a camera. A voxel is kept if its centre lies in a kept voxel of the mask.
@@ -345,7 +345,7 @@ class Volume:
         return self._combine_masks(low, high)
 
     def mask_shares(self, low: Places, high: Places) -> np.ndarray:
-        """uint8: the least value of all masks, 0 to 255, for each voxel low ≤ (z, y, x) < high."""
+        """uint8: the minimum of all masks, 0 to 255, for each voxel low ≤ (z, y, x) < high."""
         shares = np.full([b - a for a, b in zip(low, high, strict=True)], 255, np.uint8)
         for mask in self.masks:
             np.minimum(shares, mask.shares(self, low, high), out=shares)
@@ -442,7 +442,7 @@ class Volume:
 
     @property
     def value_range(self) -> tuple[float, float] | None:
-        """The least and the largest finite value; None of many samples or files in parts, and if none is finite."""
+        """The minimum and maximum finite value; None of many samples or files in parts, and if none is finite."""
         if not isinstance(self.samples, np.ndarray) or self.count > MOST_SCANNED:
             return None
         values = self.samples
@@ -583,7 +583,9 @@ FLAT = 1e-3
 
 
 def empty_volume(low: np.ndarray, high: np.ndarray, solid: float = 0.0, **more: Any) -> Volume:
-    """Volume without matter in a box, to place the camera. solid: opacity of the value 1; more: fields of `Volume`."""
+    """Empty volume that only gives a bounding box, to place the camera. solid: opacity of the value 1; more: fields of
+    `Volume`.
+    """
     side = np.maximum(high - low, FLAT * max(float((high - low).max()), 1e-30))
     # two samples along each axis, cells of half a side
     (a, b, c), (x, y, z) = (side / 2).tolist(), ((low + high) / 2 - side / 4).tolist()

@@ -1,1 +1,1 @@
-"""Where things are: cameras, grids, planes, masks and slices."""
+"""Geometry: cameras, grids, planes, masks and slices."""

@@ -116,7 +116,7 @@ class Clip:
         return bool(((np.where(self.g > 0, high, low) * self.g).sum(axis=1) >= self.place).all())
 
     def along(self, start: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Distances [P] at which rays enter and leave the kept space, and the index [P] of the plane where they enter.
+        """Distances [P] at which rays enter and leave the kept side, and the index [P] of the plane where they enter.
 
         start, direction [3, P]: of the rays, grid indices.
         """

@@ -145,7 +145,7 @@ class MaskField:
         return np.asarray(world / np.where(length > 0, length, 1.0) * size)
 
     def at(self, places: np.ndarray) -> np.ndarray:
-        """[P]: the mask minus EDGE at grid positions [3, P]; matter ends where it falls below 0."""
+        """[P]: the mask minus EDGE at grid positions [3, P]; the visible part ends where it falls below 0."""
         return np.asarray(trilinear(self.kept[..., None], self._cells(places))[:, 0] / 255 - EDGE)
 
     def normals(self, places: np.ndarray) -> np.ndarray:

@@ -44,7 +44,7 @@ class Raster:
 
     @property
     def axes(self) -> tuple[int, int] | None:
-        """The axes along which rows and columns run, if each runs along one; else None."""
+        """The grid axes of rows and columns, if both are parallel to one; else None."""
         a, b = (int(np.abs(step).argmax()) for step in (self.across, self.down))
         rest = np.abs(np.concatenate([np.delete(self.across, a), np.delete(self.down, b)])).max()
         return (a, b) if a != b and rest * max(self.size) < STRAIGHT else None

@@ -1,4 +1,4 @@
-"""`Scissors`: removes or keeps what lies under an outline that is drawn in a picture, and extruded along its rays.
+"""`Scissors`: removes or keeps the part inside an outline in a picture, extruded along its rays.
 
 It is a mask of volumes on any grid. Its value falls linearly across a face, from 1 to 0 within RAMP voxels, so that
 linear interpolation between voxel centres passes one half exactly at the face, at any angle.

@@ -81,7 +81,7 @@ class SlicePosition(NamedTuple):
 
 @dataclass(frozen=True)
 class Slice:
-    """A plane in which a scene shows the values of its layers. where: text as of `--slice`, also with "@" and an
+    """A plane on which a scene shows the values of its layers. where: text as of `--slice`, also with "@" and an
     opacity from 0 to 1; or a point and a normal, world units. Raises InputError otherwise.
 
     ```python
@@ -139,7 +139,7 @@ class SlicePlane:
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """The least and greatest place [2] of the outline, world units along right and down."""
+        """The minimum and maximum position [2] of the outline, world units along right and down."""
         return self.outline.min(axis=0), self.outline.max(axis=0)
 
     @property
@@ -381,7 +381,7 @@ class SliceLayer(NamedTuple):
 
     @property
     def glows(self) -> bool:
-        """Whether it is an unshaded amount, which adds to others."""
+        """Whether it is an unshaded amount, which is added to others."""
         return not (self.nearest or self.transfer.shading)
 
     def color(self, values: np.ndarray) -> np.ndarray:
@@ -418,12 +418,12 @@ def map_colors(name: str) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class SlicePainter:
-    """Layers that a slice shows: the first is opaque; others lie over it, or add up if all are unshaded amounts."""
+    """Layers of a slice: the first is opaque; others are blended over it, or added if all are unshaded amounts."""
 
     layers: Sequence[SliceLayer]
 
     def light(self, points: np.ndarray) -> np.ndarray:
-        """float64 [P, 4] at world points [P, 3]: linear RGB, and 1, or 0 beside the volumes."""
+        """float64 [P, 4] at world points [P, 3]: linear RGB, and 1, or 0 outside the volumes."""
         parts = []
         for layer in self.layers:
             places = Grid.of(layer.volume).index_from_world(points)
@@ -444,7 +444,7 @@ class SlicePainter:
         return self._join(parts)
 
     def screen(self, plane: SlicePlane, low: np.ndarray, pitch: Pitch, size: tuple[int, int]) -> np.ndarray:
-        """uint8 [H, W, 4], sRGB, and 255, or 0 beside the volumes: as `pixels`; of a map or segments by a table."""
+        """uint8 [H, W, 4], sRGB, and 255, or 0 outside the volumes: as `pixels`; of a map or segments by a table."""
         if len(self.layers) > 1:
             return to_screen(self.pixels(plane, low, pitch, size))
         only, volume = self.layers[0], level_for(self.layers[0].volume, min(pitch))
@@ -486,17 +486,17 @@ class SlicePainter:
 
     @property
     def has_map(self) -> bool:
-        """Whether the light is that of a map's places, which are linear in values."""
+        """Whether the light is that of positions in a colour map, linear in values."""
         return self.is_mapped and not self.layers[0].transfer.logarithmic
 
     @property
     def is_mapped(self) -> bool:
-        """Whether the light is that of a map's places."""
+        """Whether the light is that of positions in a colour map."""
         only = self.layers[0]
         return len(self.layers) == 1 and not (only.nearest or only.solid or only.volume.color is not None)
 
     def places(self, values: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """Places [...] of values in the colour map of the only layer; UNKNOWN where there is a hole."""
+        """Positions [...] of values in the colour map of the only layer; UNKNOWN where there is a hole."""
         transfer = self.layers[0].transfer
         low, high = transfer.color_range
         if transfer.logarithmic:
@@ -550,7 +550,7 @@ class SlicePainter:
         return replace(mesh, colormap=self.layers[0].transfer.colormap, texture=texture)
 
     def density(self, plane: SlicePlane) -> np.ndarray:
-        """The most voxels of a layer per world length, along the plane's right and down [2]."""
+        """The maximum number of voxels of a layer per world length, along the plane's right and down [2]."""
         axes = np.stack([plane.right, plane.down], axis=1)
         steps = [np.linalg.inv(layer.volume.world_from_index) @ axes for layer in self.layers]
         return np.asarray(np.abs(steps).max(axis=(0, 1)))

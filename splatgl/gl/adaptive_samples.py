@@ -1,4 +1,4 @@
-"""Takes one sample a pixel where that is enough: draws it, finds the tiles that need all samples, and draws these."""
+"""Adaptive antialiasing: one sample per pixel, then all samples in the tiles that contain edges."""
 
 from __future__ import annotations
 
@@ -71,7 +71,8 @@ class SingleSamples:
         self, plan: Plan, window: PixelWindow, draw: Callable[[RenderTarget, PixelWindow], None], is_probed: bool = True
     ) -> np.ndarray | None:
         """Draws one sample a pixel of a window of samples. Returns bool [rows, columns] of the tiles of samples that
-        need all; None if most do. draw: composites a window of a target. is_probed: a row of tiles in the middle tells.
+        need all; None if most do. draw: composites a window of a target. is_probed: a row of tiles in the middle
+        decides.
         """
         target, (whole, strip) = self.begin(plan), single_windows(window, plan.samples)
         if is_probed:
@@ -105,7 +106,7 @@ def single_windows(window: PixelWindow, k: int) -> tuple[PixelWindow, PixelWindo
 
 
 class AdaptiveSamples:
-    """Draws sheets in tiles, of which those without edges take one sample a pixel. single: None: all pixels take all
+    """Draws sheets in tiles; tiles without edges take one sample per pixel. single: None: all pixels take all
     samples.
     """
 

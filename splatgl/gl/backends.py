@@ -214,7 +214,7 @@ class System(Protocol):
         """Returns the address of an OpenGL function, 0 if there is none; the context must be current."""
 
     def bind(self) -> None:
-        """Makes this context current; raises BackendError if the system refuses."""
+        """Makes this context current; raises BackendError if the system cannot."""
 
     def unbind(self) -> None:
         """Leaves no context of this window system current."""
@@ -332,7 +332,9 @@ def leave() -> None:
 
 
 def restore_context() -> None:
-    """Binds the earlier context of another library again, if there is one: the library may destroy it later."""
+    """Makes the context of another library current again that was current before, if any: the library may destroy it
+    later.
+    """
     if _thread.host is not None:
         switch_to(None)
 
@@ -376,7 +378,7 @@ class Headless:
         return int(self._context.load_opengl_function(name))
 
     def bind(self) -> None:
-        """Makes the context current and stores its handle; raises BackendError if the system refuses."""
+        """Makes the context current and stores its handle; raises BackendError if the system cannot."""
         is_egl = self.backend == "egl"
         if is_egl:
             # a host may have chosen OpenGL ES
@@ -504,7 +506,7 @@ class Osmesa:
         return self._library.OSMesaGetProcAddress(name.encode()) or 0
 
     def bind(self) -> None:
-        """Makes the context current on its small buffer; raises BackendError if OSMesa refuses."""
+        """Makes the context current on its small buffer; raises BackendError if OSMesa cannot."""
         side = BUFFER_SIDE
         if not self._library.OSMesaMakeCurrent(self._context, self._buffer, GL_UNSIGNED_BYTE, side, side):
             raise BackendError("OSMesa could not make its context current")
@@ -565,7 +567,7 @@ class WindowContext:
         return ctypes.cast(address, ctypes.c_void_p).value or 0 if address else 0
 
     def bind(self) -> None:
-        """Makes the window's context current; raises BackendError if GLFW refuses."""
+        """Makes the window's context current; raises BackendError if GLFW cannot."""
         import glfw
 
         with _glfw_errors():

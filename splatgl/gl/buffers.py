@@ -407,7 +407,7 @@ _latest: WeakKeyDictionary[Splats, tuple[OrderKey, np.ndarray]] = WeakKeyDiction
 
 
 class DrawOrder(NamedTuple):
-    """Drawing order. boxes: the order of the rows, None if it does not matter."""
+    """Drawing order. boxes: the order of the rows, None if it has no effect."""
 
     boxes: OrderKey | None
     nearest_first: bool
@@ -439,7 +439,7 @@ class Orders:
         self.kept: OrderedDict[DrawOrder, moderngl.Texture] = OrderedDict()
 
     def of(self, order: DrawOrder) -> moderngl.Texture | None:
-        """Returns the index texture, None if the order does not matter."""
+        """Returns the index texture, None if the order has no effect."""
         if order.boxes is None:
             return None
         if order in self.kept:

@@ -95,7 +95,7 @@ class CardLists:
         return self.order
 
     def count_pairs(self, compile_: Compile, first: int, count: int) -> None:
-        """Counts the tiles of `count` placed splats, from `first` of their order on."""
+        """Counts the tiles of `count` projected splats, from `first` of their order on."""
         size = self.tiles * 4
         self.part = {"first": first, "count": count, "number": -(-count // SORT_LANES)}
         # all sorts of these splats leave out the same tiles

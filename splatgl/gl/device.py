@@ -1,4 +1,4 @@
-"""Objects of an OpenGL context that all techniques share."""
+"""OpenGL objects of a context, shared by all techniques."""
 
 from __future__ import annotations
 

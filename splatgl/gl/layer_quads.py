@@ -1,5 +1,5 @@
-"""Draws overlapping layers without compute shaders: keeps pieces of the matter of each layer in slots of a texture, in
-slabs, and composites all layers of a slab.
+"""Draws overlapping layers without compute shaders: stores ray segments of each layer in slots of a texture, slab by
+slab, and composites all layers of a slab.
 
 A slab is a range of sheets of the first layer. Each layer goes on until its pieces fill the slab on every ray of a band
 of the picture. Pieces of sheets, and boxes of voxels, have consecutive numbers along a ray; slots are reused in turn.

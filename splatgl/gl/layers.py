@@ -1,4 +1,6 @@
-"""Draws overlapping layers in tiles: stores the matter of each layer along each ray, then composites all of it."""
+"""Draws overlapping layers in tiles: stores the optical depth of each layer along each ray, then composites them
+together.
+"""
 
 from __future__ import annotations
 
@@ -44,8 +46,9 @@ Drawn = tuple[Splats, Plan]
 
 @dataclass(frozen=True, eq=False)
 class LayerBatch:
-    """Layers that are drawn together. bind: binds the uniforms and tables of a layer. scratch: target for the light of
-    a single layer; where it is opaque, the layer's matter behind is skipped. limits, stride, needed: as of Spec.
+    """Layers that are composited together. bind: binds the uniforms and tables of a layer. scratch: target for the
+    light of a single layer; where it is opaque, the layer's matter behind is skipped. limits, stride, needed: as of
+    Spec.
     """
 
     layers: Sequence[Drawn]

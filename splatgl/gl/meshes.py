@@ -1,4 +1,4 @@
-"""Depth peeling of meshes in pictures of volumes: the nearest surface first, each with the matter in front of it.
+"""Depth peeling of meshes in pictures of volumes: the nearest surface first, each with the volume in front of it.
 
 Opaque surfaces end every ray. Of the transparent surfaces the nearest is drawn, then the nearest behind it, and so on;
 matter between two surfaces is drawn separately and composited with them, so that the order is right wherever surfaces
@@ -41,7 +41,7 @@ CORNER = "3f 3f 4f 2f"
 
 @dataclass(frozen=True, eq=False)
 class DepthLimits:
-    """Depths of each sample between which matter is drawn: float textures, world units divided by `unit`."""
+    """Depths of each sample between which the volume is drawn: float textures, world units divided by `unit`."""
 
     nearest: moderngl.Texture
     farthest: moderngl.Texture
@@ -74,7 +74,7 @@ class PeelTarget:
 
 @dataclass(frozen=True, eq=False)
 class TriangleGroup:
-    """Triangles that are drawn together: all meshes without a texture, or one with it. row: of its colour map."""
+    """Triangles of one draw call: all meshes without a texture, or one with it. row: of its colour map."""
 
     corners: moderngl.Buffer
     texture: Texture | None
@@ -100,7 +100,7 @@ class Surfaces:
     def peeled(
         self, meshes: Sequence[Mesh], camera: Camera, unit: float, lit: bool, plain: bool = True
     ) -> Iterator[tuple[DepthLimits, moderngl.Texture]]:
-        """Yields the depths between which matter lies, and the light of the surfaces behind it, nearest first.
+        """Yields depth intervals between surfaces, and the light of the surface behind each, nearest first.
 
         unit: world units per unit of the frame's lengths. lit: surfaces are shaded. Raises InputError for more than
         MOST_PEELS surfaces behind each other.
@@ -135,7 +135,7 @@ class Surfaces:
             free(mapped, *(group.corners for group in (*groups[0], *groups[1])))
 
     def composite(self, target: RenderTarget, matter: RenderTarget, surface: moderngl.Texture) -> None:
-        """Blends matter, and the surface behind it, behind the contents of the target."""
+        """Blends a depth interval, and the surface behind it, behind the contents of the target."""
         program = self.programs.for_screen("surface_over.frag")
         set_uniforms(program, matter=MATTER_UNIT, surface=SURFACE_UNIT)
         matter.texture.use(MATTER_UNIT)

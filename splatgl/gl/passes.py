@@ -115,7 +115,7 @@ class Passes:
                 return pixels
 
     def draw_layers(self, layers: Sequence[Drawn], interrupted: Callable[[], bool] | None = None) -> np.ndarray:
-        """Returns the picture of layers, float32 [H, W, 4]; their matter is composited together."""
+        """Returns the picture of layers, float32 [H, W, 4], composited together along rays."""
         plan = layers[0][1]
         target, scratch = (self.targets.get(role, plan.view.size, plan.target) for role in ("draw", "layer"))
         target.clear()
@@ -137,7 +137,7 @@ class Passes:
         layers: Sequence[Drawn],
         interrupted: Callable[[], bool] | None = None,
     ) -> np.ndarray:
-        """Returns the picture of meshes and the layers' matter between them, float32 [H, W, 4]. lit: shades meshes."""
+        """Returns the picture of meshes and the layers between them, float32 [H, W, 4]. lit: shades meshes."""
         first, plan = layers[0]
         camera, unit = plan.resolved.camera, first.grid.mean_spacing
         target, part, scratch = (self.targets.get(role, plan.view.size, plan.target) for role in ROLES)

@@ -134,7 +134,7 @@ class RingFormat(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class SheetPicture:
     """Splats that are drawn in sheets, with the uniforms of their programs. field: near sheets. limits: depths between
-    which matter is drawn; None: all.
+    which the volume is drawn; None: all.
     """
 
     splats: Splats
@@ -150,7 +150,7 @@ class SheetPicture:
 
     @property
     def near(self) -> range:
-        """The near sheets, and the two sheets behind them, to which their matter extends."""
+        """The near sheets, and the two sheets behind them that their kernels reach."""
         return range(0) if self.field is None else range(-self.first - 1, self.field.count - self.first + 2)
 
 

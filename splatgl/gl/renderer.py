@@ -83,8 +83,8 @@ class Renderer:
         self.close()
 
     def close(self) -> None:
-        """Releases all GL objects and the context; further calls, and calls in a forked process, do nothing. Nor is
-        anything left of a context that another library has ended.
+        """Releases all GL objects and the context; further calls, and calls in a forked process, do nothing. Does
+        nothing if another library destroyed the context.
         """
         if inherited(self.ctx):
             return

@@ -30,7 +30,7 @@ UNITS = {"picture": 0, "other": 1, "overlay": 2}
 
 @dataclass(frozen=True)
 class ScreenStyle:
-    """Style of the shown picture; see shaders/screen.frag.
+    """Style of the displayed picture; see shaders/screen.frag.
 
     scale: factor of the light (1/brightest for an X-ray). compare: "split" shows `other` right of the middle,
     "difference" shows |picture − other| × gain. background: linear RGB that the picture already contains.

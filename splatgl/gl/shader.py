@@ -89,7 +89,7 @@ class ShaderText:
 
 @lru_cache(maxsize=1)
 def folder() -> Path:
-    """Returns the folder of shaders: inside the installed package, or beside it in a checkout."""
+    """Returns the folder of shaders: inside the installed package, or next to it in a checkout."""
     inside = Path(__file__).parents[1] / "shaders"
     return inside if inside.is_dir() else Path(__file__).parents[2] / "shaders"
 

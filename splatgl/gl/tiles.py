@@ -1,4 +1,4 @@
-"""Draws splats in tiles of pixels: places the splats, lists them by tile, and composites each tile's list.
+"""Draws splats in tiles of pixels: projects the splats, lists them by tile, and composites each tile's list.
 
 A tile's pixels stay in registers while its splats are composited front to back; a tile terminates once almost no light
 passes. This avoids sorting, quad setup and blending; setup and blending take most of a quad's time in software OpenGL.
@@ -86,7 +86,7 @@ class TileBand:
 @dataclass(frozen=True, eq=False)
 class Spec:
     """How splats are drawn in tiles of a target. uniforms: set in each program. drawing: shader that adds up lists, and
-    its switches. limits: depths between which matter is drawn; None: all. keeping: sets up that shader to store the
+    its switches. limits: depths between which the volume is drawn; None: all. keeping: sets up that shader to store the
     matter of a layer. stride: of bands. needed: mask of the picture's tiles that are drawn; None: all. exact: whether a
     card reads how many pairs each part has, instead of drawing again what did not fit. held: whether projected splats
     are used again, those of a stride above 1 with their lists.

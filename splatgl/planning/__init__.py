@@ -1,1 +1,1 @@
-"""The needs of one picture: layers, order, techniques, bounds."""
+"""Plans of one picture: layers, order, techniques, error bounds."""

@@ -147,7 +147,7 @@ class Bricks:
         return post_splats(self.volume, self.post, records)
 
     def without_hidden(self, camera: Camera, settings: Settings) -> Bricks:
-        """The bricks without voxels inside matter from which the picture gets no light."""
+        """The bricks without voxels of hidden interiors."""
         reach = reach_outside(self.whole, settings, camera)
         if not reach or self.volume.count > MOST_SEARCHED:
             return self
@@ -379,7 +379,7 @@ def estimate_need(bricks: Bricks, pixels: int, enough: int) -> MemoryEstimate:
 
 
 def spread_places(most: np.ndarray, count: int) -> np.ndarray:
-    """int64 [count, 3]: evenly distributed places from 0 to `most` (x, y, z); so is every prefix of them."""
+    """int64 [count, 3]: evenly distributed positions from 0 to `most` (x, y, z); so is every prefix of them."""
     place = (0.5 + np.outer(np.arange(count), STEPS)) % 1.0
     return np.asarray((place * most).round().astype(np.int64))
 

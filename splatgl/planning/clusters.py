@@ -1,4 +1,4 @@
-"""Clusters: the splats of one picture that lie in the same box of cells, which are shown or left out together.
+"""Clusters: splats of one picture in the same box of cells, which are drawn or skipped together.
 
 A cluster is drawn if it has splats in the sheets of a round and may touch an open tile. Rounds are ranges of sheets, so
 that each sheet is complete at the end of its round, and tiles terminated by then hide all later rounds. What is left

@@ -409,7 +409,7 @@ class PixelWindow:
 
 @dataclass(frozen=True)
 class ScreenBounds:
-    """Screen extent of splats. window: all pixels that they reach. mean_depth: of their box, in mean spacings."""
+    """Screen extent of splats. window: all pixels that they cover. mean_depth: of their box, in mean spacings."""
 
     window: PixelWindow
     mean_depth: float

@@ -157,7 +157,7 @@ class Program:
 
     @property
     def runs(self) -> bool:
-        """Whether opacities depend on the run lengths of matter around splats."""
+        """Whether opacities depend on the run lengths of occupied voxels around splats."""
         return self.appearance.attenuation == "fill" and (self.seen.antialias or self.motion != "off")
 
     @property

@@ -1,4 +1,4 @@
-"""Largest number, and largest total optical depth, of the splats whose footprints one ray of a picture meets.
+"""Largest number, and largest total optical depth, of splats on one ray of a picture.
 
 Two upper bounds. By planes: a ray meets at most the cells of an ellipse in each lattice plane that it crosses. By
 positions: few splats, or few blocks of them, are counted in each cell of the screen that their footprints may touch;

@@ -352,7 +352,7 @@ def _iso_light(splats: Splats, settings: Settings) -> str:
 def _cues(
     splats: Splats, camera: Camera, settings: Settings, light: LightModel, notes: list[str]
 ) -> LightVolume | None:
-    """The light that reaches matter; None for all light."""
+    """Shadowing and ambient occlusion of the splats; None: unattenuated light."""
     names = [name for name in ("ambient_occlusion", "shadows") if getattr(settings, name) > 0]
     if not names or not len(splats):
         return None

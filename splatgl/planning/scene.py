@@ -320,7 +320,7 @@ class Scene:
         return tuple(layer for layer in self.layers if isinstance(layer, Layer) and layer.visible and layer.opacity > 0)
 
     def require_voxels(self, what: str) -> None:
-        """Raises InputError for visible clouds of points, whose volumes have no matter. what: that needs voxels."""
+        """Raises InputError for visible clouds of points, whose volumes have no voxels. what: that needs voxels."""
         for layer in self.shown:
             if layer.volume.points is not None:
                 raise expected(what, "a volume of voxels", f"{len(layer.volume.points):,} points")

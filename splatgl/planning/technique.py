@@ -173,7 +173,7 @@ def choose_footprint(drawn: str, shape: Kernel, settings: Settings, means: bool 
 
 
 def table_of_unsupported() -> list[tuple[str, ...]]:
-    """Table of refusals by technique, a row for each setting value that any technique refuses."""
+    """Table of unsupported settings by technique, a row for each setting value that any technique does not support."""
     rows = []
     for name, values in choices().items():
         for value in values:

@@ -105,7 +105,7 @@ def list_volumes(path: str | Path) -> list[str]:
 
 
 def find_labels(path: Path, options: LoadOptions, name: str) -> str | None:
-    """The `array` of the labels of that name beside an image in a Zarr store; None if the path is no such store."""
+    """The `array` of the labels of that name for an image in a Zarr store; None if the path is no such store."""
     try:
         with silence_libraries():
             is_zarr = path.exists() and _find_format(path, options).reader == "ome_zarr.read"

@@ -215,7 +215,7 @@ class Extents:
         self.known[place] = KNOWN if finite.size else EMPTY
 
     def of(self, places: Iterable[Place]) -> np.ndarray | None:
-        """Least and largest finite sample [2] of some chunks, [0] if none is finite; None if a chunk is not known."""
+        """Minimum and maximum finite sample [2] of some chunks, [0] if none is finite; None if a chunk is not known."""
         at = tuple(np.array(list(places)).T)
         known = self.known[at]
         if (known == UNKNOWN).any():

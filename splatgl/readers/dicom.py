@@ -517,7 +517,7 @@ class DicomContents:
 
 
 def find_series(path: Path) -> DicomContents:
-    """The series and segments of a path. Raises InputError, which says what else is there, if there are none."""
+    """The series and segments of a path. Raises InputError, which describes other contents, if there are none."""
     files = find_sources(path)
     if not files:
         raise expected("DICOM", "DICOM files", "none", "give the folder or file that contains them")

@@ -1,4 +1,4 @@
-"""Frames of DICOM: their places, and their pixels."""
+"""Frames of DICOM: their positions, and their pixels."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class DicomFrame:
 
     @property
     def order(self) -> Numbers:
-        """Key that sorts images at one place: `times`, where NaN comes first."""
+        """Key that sorts images at one position: `times`, where NaN comes first."""
         return tuple(-math.inf if math.isnan(time) else time for time in self.times)
 
 
@@ -352,7 +352,7 @@ def is_color(header: DicomHeader) -> bool:
 
 
 def check_header(header: DicomHeader) -> None:
-    """Raises InputError for unsupported pixels, and for sizes that the file cannot hold."""
+    """Raises InputError for unsupported pixels, and for sizes that the file cannot contain."""
     uid = find_decoder(header.syntax)
     rows, columns = header.size
     kinds = {1: (*GREYS, PALETTE), 3: (*COLORS, PALETTE)}

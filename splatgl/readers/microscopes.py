@@ -35,7 +35,7 @@ FREE_PLANES, PLANES_PER_STORED = 4096, 64
 
 
 class BoundedFile(io.BufferedReader):
-    """A file of which no more is read, and allocated, than there is."""
+    """A file whose reads never allocate more than the file's size."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         """Up to `size` bytes; all without a size."""

@@ -95,7 +95,7 @@ def _read_pair(form: Any, title: str, header: Path, data: Path, options: LoadOpt
 
 
 def _check(shape: list[int], space: slice, data: Path, is_packed: bool) -> None:
-    """Raises InputError for sizes that the file cannot hold, or that the memory cannot."""
+    """Raises InputError for sizes that the file cannot contain, or that the memory cannot."""
     if len(shape) not in (3, 4):
         raise expected("dimensions", "three or four axes", len(shape))
     check_sizes(shape, space)

@@ -1,4 +1,4 @@
-"""Olympus's OIB and OIF files, by oiffile: planes are TIFF files, in a compound file or beside the settings."""
+"""Olympus's OIB and OIF files, by oiffile: planes are TIFF files, in a compound file or next to the settings."""
 
 from __future__ import annotations
 

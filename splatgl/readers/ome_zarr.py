@@ -395,7 +395,7 @@ def list_images(path: Path) -> list[str]:
 
 
 def list_labels(image: Any) -> list[str]:
-    """The names of the images of labels beside an image."""
+    """The names of the label images of an image."""
     import zarr
 
     labels = image.get("labels")
@@ -405,7 +405,7 @@ def list_labels(image: Any) -> list[str]:
 
 
 def find_labels(path: Path, options: LoadOptions, name: str) -> str:
-    """The path in a store of the labels of that name beside the image that options pick. InputError without them."""
+    """The path in a store of the labels of that name for the image that options pick. InputError without them."""
     import_extra("zarr", "Zarr stores", "zarr", "readers")
     with decoder_errors("Zarr"):
         group, _ = _open(path)

@@ -67,7 +67,7 @@ def _has_faces(header: str) -> bool:
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The points of a .las, .laz, .pcd or .ply file, in a volume without matter that has their box; classes of sizes
+    """The points of a .las, .laz, .pcd or .ply file, in an empty volume that has their bounding box; classes of sizes
     are channels. Points with a coordinate that is not finite, and those that LAS marks as withheld, are left out.
 
     `array`: values to show in a colour map instead of the colours: "height", "intensity" or another field.

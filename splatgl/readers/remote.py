@@ -37,7 +37,9 @@ def is_address(source: str | Path) -> bool:
 
 
 def address_name(address: str) -> str:
-    """The last part of an address, which names the file or store; without letters that Windows refuses in names."""
+    """The last part of an address, which names the file or store; without letters that Windows does not allow in
+    names.
+    """
     name = address.split("?")[0].split("#")[0].rstrip("/").rsplit("/", 1)[-1]
     return re.sub(r'[<>:"\\|*]', "_", name) if sys.platform == "win32" else name
 

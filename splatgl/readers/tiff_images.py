@@ -1,4 +1,4 @@
-"""Selects images and channels of a TIFF file, by its OME-XML and ImageJ's text, and places them by GeoTIFF tags."""
+"""Selects images and channels of a TIFF file, by its OME-XML and ImageJ's text, with their grids by GeoTIFF tags."""
 
 from __future__ import annotations
 

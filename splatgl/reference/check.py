@@ -1,4 +1,4 @@
-"""Compares a random sample of an image's pixels with the float64 reference, and states what follows for all of them.
+"""Compares a random sample of an image's pixels with the float64 reference, and infers bounds for all pixels.
 
 Each of n draws takes one pixel of its own stratum; all strata have the weight W/n, W the sum of the weights of all
 pixels, none below 1. Of a set of pixels of weight at least u W the draws meet none with probability Π (1 − uₕ) ≤
@@ -205,7 +205,7 @@ def _empty(settings: Settings) -> np.ndarray:
 
 
 def _pixels_in_budget(sampling: Sampling, draw: Drawn, seconds: float) -> int:
-    """The number of pixels that are drawn in a time, by that of others, so that it does not depend on their errors."""
+    """The number of pixels that fit the time, from a pilot sample, so that it does not depend on their errors."""
     stamps = [time.perf_counter()]
     # the first one fills caches, the second one shows what any number takes
     for count in (1, 1, PILOT):

@@ -1,4 +1,4 @@
-"""Depth maps, and `pick`: the point of a scene under a pixel, by rays in float64 through what pictures show."""
+"""Depth maps, and `pick`: the point of a scene under a pixel, by rays in float64 through the rendered field."""
 
 from __future__ import annotations
 

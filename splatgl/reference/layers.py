@@ -70,7 +70,9 @@ class BoxScene:
         return pixels(gathered, self.appearance)
 
     def pieces(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> ConstantPieces:
-        """Pieces of matter along the rays of wanted pixels, or along their parts between distances [P]."""
+        """Ray segments of constant density along the rays of wanted pixels, or along their parts between distances
+        [P].
+        """
         rays = self._rays(wanted, near, far)
         chunks = list(self._pass_boxes(wanted, rays))
         part = BoxCrossings(

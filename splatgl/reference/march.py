@@ -295,7 +295,7 @@ OPAQUE = 1 - 1e-12
 def fields_of(
     scene: Scene, camera: Camera, settings: Settings, pixels: np.ndarray, what: str
 ) -> list[tuple[int, LayerField]]:
-    """The matter of the visible layers of a scene along the rays of pixels, with the numbers of these layers. Raises
+    """The density of the visible layers of a scene along the rays of pixels, with the numbers of these layers. Raises
     InputError, which says `what` needs it, for clouds of points and volumes that are read in parts.
     """
     scene.require_voxels(what)
@@ -314,7 +314,7 @@ def fields_of(
 
 @dataclass(frozen=True, eq=False)
 class LayerField:
-    """The matter of a layer. splats: that its picture draws. clip, mask: of its rays; None for voxels classified before
+    """The density of a layer. splats: those of its picture. clip, mask: of its rays; None for voxels classified before
     reconstruction, which are whole. steps: points of a ray per voxel.
     """
 
@@ -326,7 +326,7 @@ class LayerField:
 
     @classmethod
     def of(cls, splats: Splats, camera: Camera, settings: Settings, pixels: np.ndarray) -> Self | None:
-        """The matter along the rays of pixels; None without any. settings: with the layer's clip planes."""
+        """The density along the rays of pixels; None without any. settings: with the layer's clip planes."""
         chosen = clip_behind_eye(select_splats(splats, settings, False, camera), camera)
         if not len(chosen):
             return None
@@ -355,7 +355,7 @@ class LayerField:
 
     @property
     def is_boxes(self) -> bool:
-        """Whether the matter is boxes of labels."""
+        """Whether the layer is drawn as boxes of labels."""
         return self.kernel is BOX
 
     def along(self, camera: Camera, pixels: np.ndarray) -> LayerRays:

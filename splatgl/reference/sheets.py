@@ -128,8 +128,8 @@ class SheetField:
     def parts(
         self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets, is_visible: Callable[[], np.ndarray]
     ) -> Iterator[RaySegments]:
-        """Yields the matter around all sheets within the volume's box, in `segments` parts each, nearest first, about
-        PAIRS parts of rays at a time. is_visible: returns in which pixels further matter is visible.
+        """Yields the ray segments around all sheets within the volume's box, in `segments` parts each, nearest first,
+        about PAIRS parts of rays at a time. is_visible: returns in which pixels further matter is visible.
         """
         near, far = self.places(rays, rays.near, sheets), self.places(rays, rays.far, sheets)
         entry = self.places(rays, rays.entry, sheets)
@@ -177,7 +177,7 @@ class SheetField:
             )
 
     def segments(self, sheets: Sheets) -> int:
-        """Number of parts of the matter around a sheet: they end at surfaces, too."""
+        """Number of ray segments around a sheet: they end at surfaces, too."""
         return sheets.steps + 2 * len(self.post.transfer.iso)
 
     def _segment(
@@ -482,7 +482,9 @@ class SheetScene:
         return by_sheet
 
     def pieces(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> ConstantPieces:
-        """Pieces of matter along the rays of wanted pixels, or along their parts between distances [P]."""
+        """Ray segments of constant density along the rays of wanted pixels, or along their parts between distances
+        [P].
+        """
         sums, rays = self._sums(wanted), self._rays(wanted, near, far)
         if self.field is None:
             # a sheet's matter extends by half a sheet to both sides
@@ -562,7 +564,8 @@ def near_sums(near: NearField, kernel: Kernel, rays: Rays, sheet: int, sheets: S
 
 @dataclass(frozen=True, eq=False)
 class ConstantPieces:
-    """Constant matter along rays, nearest first. ends [P, N, 2]: world distances from the eye, or from its plane.
+    """Segments of constant density along rays, nearest first. ends [P, N, 2]: world distances from the eye, or from its
+    plane.
 
     matter [P, N, 4]: emission and optical depth.
     """

@@ -185,7 +185,7 @@ def clipped_meshes(source: str, meshes: tuple[MeshFile, ...], options: Mapping[s
 
 
 def stage(meshes: Sequence[Mesh], name: str = "") -> Volume:
-    """Empty volume with the bounds of meshes, to place the camera."""
+    """Empty volume with the bounding box of meshes, to place the camera."""
     frame, unit = World.shared(mesh.world for mesh in meshes)
     vertices = np.concatenate([mesh.placed(frame, unit).vertices for mesh in meshes])
     return empty_volume(vertices.min(axis=0), vertices.max(axis=0), name=name, frame=frame, unit=unit)

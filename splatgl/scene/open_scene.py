@@ -415,8 +415,9 @@ ALL_STATED = ({"points", "colormap", "window"}, {"file"})
 
 
 def series_look(files: Sequence[SceneFile]) -> SeriesLook | None:
-    """The look that the steps of a series share, as their options state it for the values of one step, of each channel:
-    of a few from the first to the last the one whose values vary most. None of one step, and if none can be read.
+    """The transfer functions shared by the steps of a series, as their options state them for the values of one step,
+    of each channel: of a few from the first to the last the one whose values vary most. None of one step, and if none
+    can be read.
     """
     widest, labels, read = list[tuple[float, int, Volume]](), dict[int, Label](), set[int]()
     is_stated = any(keys <= files[0].transfer.keys() for keys in ALL_STATED)

@@ -1,4 +1,4 @@
-"""Pictures of slices: one, or several side by side at one scale, with their places and directions."""
+"""Pictures of slices: one, or several side by side at one scale, with their positions and directions."""
 
 from __future__ import annotations
 

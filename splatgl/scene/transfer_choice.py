@@ -1,4 +1,4 @@
-"""`TransferChoice`: options of a transfer function that are not its fields, and what keys of its table stand for."""
+"""`TransferChoice`: options of a transfer function that are not its fields, and the meaning of its table's keys."""
 
 from __future__ import annotations
 
@@ -334,7 +334,7 @@ def is_backdrop(scene: SceneFile, volume: Volume) -> bool:
 
 
 def seen_through(volume: Volume, transfer: Transfer) -> float:
-    """Returns the factor of a volume's opacities by which labels in it are seen."""
+    """Returns the factor of a volume's opacities that makes labels in it visible."""
     most = max((opacity for _, opacity in transfer.points), default=0.0)
     spacing = np.linalg.norm(volume.world_from_index, axis=0)
     wanted = float(-np.expm1(-THROUGH * transfer.length(volume) / (spacing * volume.shape[::-1]).min()))

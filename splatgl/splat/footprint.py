@@ -76,7 +76,7 @@ def fill_depth(
 
 
 def run_lengths(runs: np.ndarray) -> np.ndarray:
-    """Run lengths of matter [3, N] along the grid's axes, in voxels, from their codes [N]."""
+    """Run lengths of occupied voxels [3, N] along the grid's axes, in voxels, from their codes [N]."""
     return np.asarray(np.exp2(np.stack([runs >> bits & 31 for bits in (0, 5, 10)]) * OCTAVES))
 
 

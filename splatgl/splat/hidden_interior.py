@@ -1,4 +1,4 @@
-"""Interiors of solid matter: voxels from which hardly any light reaches an eye outside the volume's box.
+"""Hidden interiors of opaque objects: voxels that are practically invisible from outside the volume's box.
 
 The volume is divided into cells of SIDE³ voxels. Three lower bounds follow from each other.
 
@@ -182,8 +182,8 @@ def least_around(a: np.ndarray, reach: int = 1) -> np.ndarray:
 
 
 def depths_from_outside(depths: list[np.ndarray]) -> np.ndarray:
-    """uint8 [Z, Y, X]: lower bounds of the optical depth between outside and any point of each cell. depths: of cells'
-    thickness along x, y and z; 0 in the outermost cells.
+    """uint8 [Z, Y, X]: lower bounds of the optical depth between the outside and any point of each cell. depths: of
+    cells' thickness along x, y and z; 0 in the outermost cells.
     """
     least = np.full(depths[0].shape, FULL, np.uint8)
     for axis, across in enumerate(reversed(depths)):

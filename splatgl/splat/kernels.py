@@ -35,7 +35,7 @@ class Kernel(Protocol):
 
     @property
     def radius(self) -> float:
-        """R, beyond which g is 0; voxels."""
+        """Radius R in voxels; g is 0 beyond it."""
         ...
 
     @property

@@ -299,7 +299,7 @@ class Supersampling:
 
 
 def count_moments(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> int:
-    """Number of moments for which footprints hide the steps: at most STEP pixels for the fastest visible splats; 1 if
+    """Number of subframes for which footprints hide the steps: at most STEP pixels for the fastest visible splats; 1 if
     nothing visible moves.
     """
     stride = max(len(splats) // PROBED, 1)

@@ -78,7 +78,7 @@ class Blending(Protocol):
 
     @property
     def hides(self) -> bool:
-        """Whether nearer matter hides what is behind it, so that the picture depends on the order."""
+        """Whether nearer splats occlude farther ones, so that the picture depends on the order."""
         return self.join == "over"
 
     @property
@@ -364,7 +364,7 @@ class Settings(Blending):
 
     @property
     def filter_width(self) -> float:
-        """Pixels below which antialiasing leaves no voxel's width; samples, of which each pixel has several."""
+        """Minimum width of a voxel in pixels after antialiasing; samples, of which each pixel has several."""
         return self.blur_width if self.antialias == "paper" else 1.0
 
     @property
@@ -390,7 +390,7 @@ class Settings(Blending):
         return self.replace(blend="composite") if self.shows_value else self
 
     def require_composite(self, what: str) -> None:
-        """Raises InputError for blends that what is named does not support: all but composite."""
+        """Raises InputError for all blends but composite, which the named feature does not support."""
         if not self.hides:
             raise expected(what, "blend composite", self.blend)
 
@@ -415,7 +415,7 @@ class Settings(Blending):
 
     @classmethod
     def like(cls, version: str, **changes: Unpack[SettingsKeywords]) -> Settings:
-        """The defaults of an earlier version, "0.1" or "0.2": its default picture, but for faults mended since."""
+        """The defaults of an earlier version, "0.1" or "0.2": its default picture, except for faults fixed since."""
         if version not in LIKE:
             raise expected("like", f"a version that is known: {', '.join(LIKE)}", repr(version))
         return cls(**LIKE[version]).replace(**changes)

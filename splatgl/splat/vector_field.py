@@ -278,7 +278,7 @@ class VectorField:
 
 
 def least_speed(field: VectorField, least: float | None) -> float:
-    """The speed below which nothing is drawn; None: SLOW of the greatest. Raises InputError for invalid numbers."""
+    """The speed below which nothing is drawn; None: SLOW times the maximum. Raises InputError for invalid numbers."""
     if least is None:
         return SLOW * field.greatest
     if not 0 <= least < np.inf:

@@ -80,7 +80,7 @@ def colormap(name: str) -> np.ndarray:
 
 
 def interpolate_map(table: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Linear RGB [..., 3] at places [...] from 0 to 1 in a table of colours."""
+    """Linear RGB [..., 3] at positions [...] from 0 to 1 in a table of colours."""
     at = place * (len(table) - 1)
     below = np.minimum(at.astype(np.intp), len(table) - 2)
     part = (at - below)[..., None]
@@ -129,7 +129,7 @@ def _nodes(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def colormap_name(places: np.ndarray, colors: np.ndarray) -> str:
-    """Name of the colour map through sRGB colours [N, 3] at ascending places [N]; all from 0 to 1."""
+    """Name of the colour map through sRGB colours [N, 3] at ascending positions [N]; all from 0 to 1."""
     parts = np.clip(np.rint(np.asarray(colors) * 255), 0, 255).astype(int)
     codes = ("#{:02x}{:02x}{:02x}".format(*row) for row in parts.tolist())
     return ",".join(f"{place:.6g}:{code}" for place, code in zip(places, codes, strict=True))
@@ -140,7 +140,7 @@ NEARLY, MOST_CONTROLS = 1.5 / 255, 17
 
 
 def control_colors(name: str) -> tuple[np.ndarray, list[str]]:
-    """Places [N], from 0 to 1, and codes "#rrggbb" of the control colours of a map; of a map without, of colours
+    """Positions [N], from 0 to 1, and codes "#rrggbb" of the control colours of a map; of a map without, of colours
     between which it is nearly linear.
     """
     if re.fullmatch(r"#[0-9a-fA-F]{6}", name):
@@ -320,7 +320,7 @@ FURTHEST, UNKNOWN, KNOWN = 1e4, -1e12, -1e5
 
 
 def map_places(mesh: Mesh) -> np.ndarray:
-    """Places [N] of vertices' values in their map, 0 to 1 within its window; UNKNOWN for NaN."""
+    """Positions [N] of vertices' values in their map, 0 to 1 within its window; UNKNOWN for NaN."""
     assert mesh.values is not None
     low, high = mesh.ranged
     place = np.clip((mesh.values - low) / (high - low), -FURTHEST, FURTHEST)
@@ -352,5 +352,7 @@ def colors_at(mesh: Mesh, triangle: np.ndarray, share: np.ndarray) -> np.ndarray
 
 
 def map_color(table: np.ndarray, place: np.ndarray, plain: np.ndarray) -> np.ndarray:
-    """Linear RGB [P, 3] at places [P] of a map; `plain` where there is no value. Twin of `shaders/mesh_maps.glsl`."""
+    """Linear RGB [P, 3] at positions [P] of a map; `plain` where there is no value. Twin of
+    `shaders/mesh_maps.glsl`.
+    """
     return np.where((place < KNOWN)[:, None], plain, interpolate_map(table, np.clip(place, 0.0, 1.0)))

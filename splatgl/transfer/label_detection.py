@@ -57,7 +57,7 @@ class NeighbourCounts:
 
     @property
     def flat(self) -> bool:
-        """Whether equal values lie together."""
+        """Whether equal values are adjacent."""
         return self.alike >= FLAT
 
     @property

@@ -332,7 +332,7 @@ class ValueClassifier:
 
 
 def active_range(transfer: Transfer) -> tuple[float, float]:
-    """Range of values over which opacity or colour varies, and iso-surfaces lie."""
+    """Range of values in which opacity or colour varies, or that has iso-surfaces."""
     ends = [transfer.points[0][0], transfer.points[-1][0], *(transfer.window or ())]
     ends += [surface.value for surface in transfer.iso]
     ends += [value for region in transfer.regions for value in region.values if np.isfinite(value)]

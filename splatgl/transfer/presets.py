@@ -126,7 +126,7 @@ Build = Callable[[Statistics, int | None], PresetCurve]
 
 
 def adapt_look(look: PresetCurve) -> Build:
-    """Returns a builder that maps a CT's look to other values, whose classes take the places of the tissues."""
+    """Returns a builder that maps a CT preset to other values: their classes replace the tissues."""
 
     def build(stats: Statistics, rung: int | None) -> PresetCurve:
         units, values = _landmarks(stats)
@@ -281,7 +281,7 @@ NEAR = 4
 
 
 def presets() -> dict[str, str]:
-    """Returns what each preset shows, by its name."""
+    """Returns descriptions of all presets, by name."""
     return {name: preset.about for name, preset in PRESETS.items()}
 
 

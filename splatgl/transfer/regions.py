@@ -1,4 +1,4 @@
-"""Regions of the plane of value and gradient magnitude, which hold matter, and iso-surfaces.
+"""Regions of density in the plane of value and gradient magnitude (2-D transfer functions), and iso-surfaces.
 
 Between two places of a ray, value and gradient magnitude are taken as linear: a straight line in the plane. A region's
 matter there is its mean over the part of the line inside it, whose ends follow from the signs of linear functions, so
@@ -122,7 +122,7 @@ REGION_FORM = "SHAPE:VALUE,VALUE,GRADIENT,GRADIENT[:COLOR[:OPACITY]]"
 @public
 @dataclass(frozen=True)
 class Region:
-    """Matter in part of the plane of values and gradient magnitudes, in values per world length.
+    """Density in part of the plane of values and gradient magnitudes, in values per world length.
 
     shape: "box": the whole rectangle; "triangle": its point lies in the middle of the values at the lowest gradient,
     its base at the highest one; extinction falls linearly from the middle to the sides [Levoy 1988]; "gaussian":

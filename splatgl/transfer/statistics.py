@@ -37,7 +37,7 @@ FIX = "--values amounts draws them"
 
 @dataclass(frozen=True)
 class OutlierValues:
-    """Values that belong to no object. fills: stand for no value. low, high: others lie beyond these."""
+    """Values that belong to no object. fills: marks of missing values. low, high: others lie beyond these."""
 
     fills: tuple[float, ...] = ()
     low: float = -math.inf
@@ -147,7 +147,7 @@ def _correlation(blocks: list[np.ndarray], limits: OutlierValues) -> float:
 
 
 def without_outliers(volume: Volume, far: OutlierValues) -> Volume:
-    """The volume with NaN, which is not drawn, in place of values far from all others, and in place of lone ones in
+    """The volume with NaN, which is invisible, instead of values far from all others, and in place of lone ones in
     memory the median of those around them; with notes.
     """
     if far == OutlierValues():
@@ -219,7 +219,7 @@ class NoiseBackground:
 
 
 def background_of(values: np.ndarray, least_share: float) -> NoiseBackground | None:
-    """Background of sorted finite values; None if it has less than `least_share` of them or nothing stands out."""
+    """Background of sorted finite values; None if it has less than `least_share` of them or no peak."""
     if len(values) < LEAST or not np.isfinite(float(values[-1]) - float(values[0])):
         return None
     level, noise = _peak(values)

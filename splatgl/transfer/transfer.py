@@ -261,7 +261,7 @@ class Transfer:
         return replace(self, points=points, labels=labels, iso=iso, regions=regions)
 
     def inverted(self) -> Transfer:
-        """The same with the largest opacity where it is the least, as negatives have it."""
+        """The same with inverted opacity, as in a negative."""
         most = max(opacity for _, opacity in self.points)
         return replace(self, points=tuple((value, most - opacity) for value, opacity in self.points))
 

@@ -166,7 +166,7 @@ def color_points(transfer: Transfer) -> ColorPoints:
 
 
 def with_color_points(transfer: Transfer, points: ColorPoints) -> Transfer:
-    """The transfer function with colours at values, between which they are mixed in sRGB; one alone is everywhere."""
+    """The transfer function with colours at values, interpolated in sRGB; one alone applies to all values."""
     colormap, window = color_map(points, transfer.scale)
     return replace(transfer, colormap=colormap, window=window or transfer.color_range)
 

@@ -203,7 +203,7 @@ class ClipTool(Tool):
         return None if handle is None else state
 
     def move(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
-        """Drags the handle; cuts that would leave nothing are refused with a message."""
+        """Drags the handle; cuts that would remove everything are rejected with a message."""
         if self.drag is None:
             return None
         cuts = self.drag.to(document.volume, state.pose.camera, pointer.place)
@@ -223,7 +223,7 @@ NO_VOLUME = "scissors cut volumes, not meshes"
 
 
 def start_lasso(keep: bool) -> Callable[[State, Document], State]:
-    """A command after which a drag draws an outline, or no longer does. keep: what lies under it."""
+    """A command after which a drag draws an outline, or no longer does. keep: the part inside it."""
 
     def start(state: State, document: Document) -> State:
         if state.lasso.active and state.lasso.keep == keep:

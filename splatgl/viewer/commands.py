@@ -1,4 +1,4 @@
-"""COMMANDS: what keys, help and panel offer. A command returns the next state, and may ask the window for an effect."""
+"""COMMANDS: the commands of keys, help and panel. A command returns the next state, and may request an effect."""
 
 from __future__ import annotations
 
@@ -622,7 +622,7 @@ LISTED = 3
 
 @dataclass(frozen=True)
 class Question:
-    """A question, or what is told. answers: what each button asks the window for; None: nothing."""
+    """A question or a message. answers: what each button asks the window for; None: nothing."""
 
     title: str
     text: str
@@ -661,5 +661,5 @@ def ask_for_files(paths: Sequence[str]) -> Question:
 
 
 def tell_error(message: str) -> Question:
-    """An error, which stays until it is closed."""
+    """An error message, visible until it is closed."""
     return Question("This did not work", message, (("close", None), ("copy", CopyText(message))))

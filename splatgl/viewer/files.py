@@ -180,7 +180,7 @@ SIDES = (64, 1 << 14)
 
 @dataclass(frozen=True)
 class WindowLayout:
-    """How the window stands. size: width and height, screen units; panel, slices: whether they are shown; theme: of
+    """Layout of the window. size: width and height, screen units; panel, slices: whether they are shown; theme: of
     the panel's THEMES; "": the first.
     """
 

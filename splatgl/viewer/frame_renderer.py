@@ -105,7 +105,7 @@ Ask = Callable[[], bool]
 
 
 class FrameRenderer:
-    """Holds the contents of the screen: the last frame, the overlay, and the display mode."""
+    """Keeps the contents of the screen: the last frame, the overlay, and the display mode."""
 
     def __init__(self, screen: Screen, renderer: Renderer, commands: tuple[Command, ...]) -> None:
         self.screen, self.renderer, self.commands = screen, renderer, commands

@@ -215,7 +215,7 @@ class Files:
         return self.times, self.time, self.reopen, self.watch
 
     def show_again(self, shown: tuple[Any, ...]) -> None:
-        """Goes back to what was shown before, as of `shown`; what is being read is abandoned."""
+        """Goes back to the previous document, as of `shown`; cancels reading."""
         self.cancel()
         self.times, self.time, self.reopen, self.watch = shown
 

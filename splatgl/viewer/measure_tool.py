@@ -38,7 +38,7 @@ def under_cursor(state: State, document: Document, place: Place) -> Picked | Non
 
 
 def describe_pick(pick: Picked | None, document: Document) -> tuple[str, ...]:
-    """Lines of text with value, place and index."""
+    """Lines of text with value, position and index."""
     if pick is None:
         return (_nothing(document),)
     unit = document.volume.unit
@@ -81,7 +81,7 @@ ENOUGH = 0.7
 
 
 def set_pivot(state: State, document: Document, place: tuple[float, float]) -> State:
-    """The state with the matter at a pixel as its centre of rotation, if there is any."""
+    """The state with the visible point at a pixel as its centre of rotation, if there is any."""
     if document.is_layered:
         pick = under_cursor(state, document, place)
         point = None if pick is None else np.array(pick.place)
@@ -95,7 +95,7 @@ def set_pivot(state: State, document: Document, place: tuple[float, float]) -> S
 def find_matter(
     splats: Splats, camera: Camera, place: tuple[float, float], cuts: tuple[Plane, ...] = ()
 ) -> np.ndarray | None:
-    """World point [3] of the matter at a pixel, clipped by planes; None if there is none.
+    """World point [3] of the volume at a pixel, clipped by planes; None if there is none.
 
     The point is at optical depth ENOUGH (half of the light is absorbed), or, in fainter matter, at its middle.
     """

@@ -110,7 +110,7 @@ class Session:
         return np.ascontiguousarray(self.image.samples8(BLACK)[..., :3])
 
     def picture(self) -> Image:
-        """The picture of what is seen with all pixels, drawn unless it is the latest one."""
+        """The picture of the current view at full resolution, drawn unless it is the latest one."""
         if self.level != FULL or self.drawn != self._wanted():
             self._draw(FULL)
         return self.image

@@ -296,7 +296,7 @@ MOST_ATTENUATION = 2.0
 
 
 class Panel:
-    """Draws the panel and holds what outlasts a frame: the curve, the file browser, and open lists. has_strip: whether
+    """Draws the panel and keeps state between frames: the curve, the file browser, and open lists. has_strip: whether
     a strip at the right edge opens it.
     """
 

@@ -112,8 +112,8 @@ class PresetGallery:
 
 
 class TransferShift:
-    """A slider that moves points and window along the values; at rest it stands at 0. before: the transfer function
-    when it was grasped.
+    """A slider that moves points and window along the values; it returns to 0 after the drag. before: the transfer
+    function at the start of the drag.
     """
 
     def __init__(self) -> None:

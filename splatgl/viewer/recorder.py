@@ -75,8 +75,8 @@ def _command(scene: str, more: Sequence[str], output: str) -> list[str]:
 
 @dataclass
 class Recording:
-    """A running process. folder: where it works, beside its target; frames: those that it writes, `drawn` of `count`
-    so far; first: when the first was seen.
+    """A running process. folder: its working folder, next to the target; frames: those that it writes, `drawn` of
+    `count` so far; first: when the first was seen.
     """
 
     process: subprocess.Popen[bytes]
@@ -94,7 +94,7 @@ class Recording:
 
     @property
     def text(self) -> str:
-        """The frame that is drawn, and the time that the others take."""
+        """The current frame, and the remaining time."""
         if self.drawn == self.count:
             return f"writing {self.target.name}"
         text = f"frame {self.drawn + 1} of {self.count}"
@@ -105,7 +105,7 @@ class Recording:
 
 
 class Recorder:
-    """Draws one movie at a time, beside the window. running: the movie that is being drawn."""
+    """Draws one movie at a time, in another process. running: the movie that is being drawn."""
 
     def __init__(self) -> None:
         self.running: Recording | None = None
@@ -137,7 +137,7 @@ class Recorder:
         self.running = Recording(process, target, folder, FrameFiles.at(str(output), ""), count)
 
     def look(self) -> tuple[bool, str]:
-        """Whether there is more to tell than before, and the message of a movie that has ended."""
+        """Whether the progress has changed, and the message of a finished movie."""
         running = self.running
         if running is None:
             return False, ""
@@ -157,7 +157,7 @@ class Recorder:
             shutil.rmtree(running.folder, ignore_errors=True)
 
     def cancel(self) -> bool:
-        """Ends the movie that is drawn, of which nothing stays; returns whether there was one."""
+        """Cancels the recording and removes its files; returns whether there was one."""
         running, self.running = self.running, None
         if running is None:
             return False

@@ -191,7 +191,7 @@ def _save_picture(state: State, document: Document, draw: Draw, target: Path, ad
 
 
 def save_scene(state: State, document: Document, draw: Draw, folder: Path) -> str:
-    """Writes the next free scene-NNN.toml and the float image beside it; returns the message to show."""
+    """Writes the next free scene-NNN.toml and the float image next to it; returns the message to show."""
     target, scene = free_path(folder, "scene", ".toml"), scene_of(state, document)
     document = document.with_styles(state.styles, state.mesh_files, state.settings)
     if not document.exceeds_budget:

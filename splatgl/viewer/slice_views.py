@@ -1,4 +1,4 @@
-"""Three linked slices beside the picture, also turned and as planes in it, and their commands."""
+"""Three linked slices next to the picture, also turned and as planes in it, and their commands."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Pane:
         return float((high[0] - low[0]) / (self.box[2] - self.box[0]))
 
     def pixels(self, painter: SlicePainter) -> np.ndarray:
-        """Pixels uint8 [H, W, 4] of the slice, clear beside the volumes: the voxels of the only layer, at most about
+        """Pixels uint8 [H, W, 4] of the slice, clear outside the volumes: the voxels of the only layer, at most about
         two per pixel along each side, if the plane contains their middles; else the window's pixels.
         """
         low, high = self.plane.box
@@ -148,7 +148,7 @@ Key = tuple[object, ...]
 
 
 class SliceTool(Tool):
-    """Slices beside the picture: the latest pixels of each, and the drag that moves them."""
+    """Slices next to the picture: their latest pixels, and the drag that moves them."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self.jobs = Jobs(wake)

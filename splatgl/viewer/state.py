@@ -146,7 +146,7 @@ class Ruler:
 
 @dataclass(frozen=True)
 class Lasso:
-    """points: of the outline being drawn, pixels. active: whether a drag draws one. keep: what lies under it."""
+    """points: of the outline being drawn, pixels. active: whether a drag draws one. keep: the part inside it."""
 
     points: tuple[tuple[float, float], ...] = ()
     active: bool = False
@@ -216,7 +216,7 @@ def scale_opacity(opacity: float, factor: float) -> float:
 
 @dataclass(frozen=True)
 class Slices:
-    """Three slices beside the picture. colored: by the transfer function, else grey by its window. place: the point
+    """Three slices next to the picture. colored: by the transfer function, else grey by its window. place: the point
     that all three contain, as shares of the volume's box along x, y and z. turn: rotation by which they lie oblique.
     in_space: whether planes in the picture follow them.
     """
@@ -264,7 +264,7 @@ BLURS: tuple[Motions, ...] = ("off", "moments", *MOTIONS)
 
 @dataclass(frozen=True, eq=False)
 class PinnedView:
-    """A document, and the settings that it is drawn with, which stay beside what is edited."""
+    """A pinned document and its settings, shown next to the edited one."""
 
     document: Document
     settings: Settings
@@ -353,7 +353,7 @@ class State:
 
     @property
     def beside(self) -> PinnedView | None:
-        """Returns the pinned document, unless the reference takes its place."""
+        """Returns the pinned view, unless the reference replaces it."""
         return self.pinned if self.compare == "off" else None
 
     @property

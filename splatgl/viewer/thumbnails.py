@@ -32,7 +32,9 @@ LIGHT, DARK, CHECK = 0.6, 0.35, 6
 
 
 def volume_html(volume: Volume) -> str:
-    """A picture of a volume in its default transfer function, unless it takes long to read, beside a table of facts."""
+    """A picture of a volume in its default transfer function, unless it takes long to read, next to a table of
+    facts.
+    """
     facts = list(volume.facts)
     try:
         small = None if volume.points is not None else reduce_volume(volume)
@@ -61,7 +63,7 @@ def scene_png(scene: Scene) -> bytes | None:
 
 
 def transfer_png(transfer: Transfer) -> bytes:
-    """PNG of the colours of a transfer function over checks, more of which are seen where it is less opaque."""
+    """PNG of the colours of a transfer function over a checkerboard, which shows through where it is less opaque."""
     width, height = BAR
     if transfer.labels:
         numbers = np.array([number for number, _, _ in transfer.labels], float)

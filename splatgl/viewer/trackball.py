@@ -31,7 +31,7 @@ PANEL, BESIDE, ROOMY = 330.0, 310.0, 800.0
 
 
 def docked_width(window: tuple[int, int], scale: float) -> int:
-    """Pixels of the panel beside the picture; 0 in windows so narrow that it lies over the picture."""
+    """Pixels of the docked panel; 0 in narrow windows, where the panel covers the picture."""
     return round(PANEL * scale) if window[0] >= (PANEL + BESIDE) * scale else 0
 
 
@@ -42,7 +42,9 @@ def fits_panel(window: tuple[int, int], scale: float) -> bool:
 
 @dataclass(frozen=True)
 class Viewport:
-    """A window without its docked panel. size: pixels, at least 1; scale: of its text; time: monotonic, in seconds."""
+    """The part of the window next to its docked panel. size: pixels, at least 1; scale: of its text; time: monotonic,
+    in seconds.
+    """
 
     size: tuple[int, int]
     scale: float = 1.0

@@ -57,7 +57,7 @@ def remove_point(points: Points, number: int) -> Points:
 
 
 class ColorStrip:
-    """Draws the strip and holds what outlasts a frame. span: values at its ends; room: its left end and width, screen
+    """Colour-bar editor; keeps its state between frames. span: values at its ends; room: its left end and width, screen
     units.
     """
 
@@ -240,7 +240,7 @@ HINT = "drag a point; double click for a new one; right click or ctrl+click remo
 
 
 class CurveEditor:
-    """Draws the plot and holds its range of values and its histogram."""
+    """Draws the opacity curve and keeps its range of values and its histogram."""
 
     def __init__(self) -> None:
         self.volume: object = None
@@ -573,7 +573,7 @@ def without_curve(transfer: Transfer) -> Transfer:
 
 
 class RegionEditor:
-    """Draws the joint histogram with the regions, and holds the histogram."""
+    """Draws the joint histogram with the regions, and keeps the histogram."""
 
     def __init__(self) -> None:
         self.volume: object = None

@@ -184,7 +184,7 @@ class Viewer:
 
     @property
     def view(self) -> Viewport:
-        """The window beside the panel, for tools."""
+        """The part of the window next to the panel, for tools."""
         (width, height), scale = self.window.size, self.window.scale
         # the help takes the room of the panel
         has_panel = self.panel is not None and self.state.panel and not self.state.help
@@ -193,7 +193,7 @@ class Viewer:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Pixels of the picture; there are two while another is pinned beside it."""
+        """Pixels of the picture; there are two while a view is pinned."""
         width, height = self.shown_size
         return max(width // (1 + (self.state.beside is not None)), 1), height
 
@@ -204,7 +204,7 @@ class Viewer:
         return max(width - column_width((width, height), self.state.slices.shown), 1), height
 
     def remember(self) -> None:
-        """Stores how the window stands for the next one."""
+        """Saves the window's layout for the next one."""
         # in narrow windows, the panel is open only while it is wanted
         panel = (
             self.state.panel if fits_panel(self.window.size, self.window.scale) else WindowLayout.of(os.environ).panel
@@ -508,7 +508,7 @@ class Viewer:
 
     @property
     def drawn_size(self) -> tuple[int, int]:
-        """Pixels of the picture, and of the one beside it."""
+        """Pixels of the picture, and of the pinned one."""
         width, height = self.size
         return width * (1 + (self.state.beside is not None)), height
 

@@ -168,7 +168,7 @@ class Content:
 def save(
     volume: Volume, path: str | Path, count: int = 1, open_time: Callable[[int], Volume] | None = None
 ) -> tuple[str, ...]:
-    """Writes a volume, or nothing, and returns a line for each thing that the format cannot hold.
+    """Writes a volume, or nothing, and returns a line for everything that the format cannot store.
 
     count, open_time: the number of time points, and a function that opens one; the volume is the first of them. Large
     samples are read in slabs. Raises InputError for several channels where a format holds one, and for numbers that it
@@ -216,7 +216,7 @@ def _prepare(
     unit, factor = _stated_unit(volume.unit, target.units)
 
     def place(part: Volume) -> Volume:
-        """The time point in the format's frame and unit, its colours as channels where it holds no others."""
+        """The time point in the format's frame and unit, its colours as channels where it has no others."""
         part = part.placed(target.frame) if target.frame else part
         if part.color is not None and "color" not in holds and "channels" in holds and not part.channels:
             part = replace(part, channels=_color_channels(part))

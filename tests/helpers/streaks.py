@@ -291,7 +291,7 @@ def hermite(first: np.ndarray, last: np.ndarray, part: np.ndarray) -> np.ndarray
 
 
 def isolation(length: np.ndarray, through: np.ndarray) -> np.ndarray:
-    """The exponent e [N]: 1 for a lone splat, 0 for one whose matter continues along its path.
+    """The exponent e [N]: 1 for a lone splat, 0 for one with neighbours along its path.
 
     length: of the path, in units of the footprint; through: of the run of matter along it, in voxels.
     """
@@ -300,6 +300,6 @@ def isolation(length: np.ndarray, through: np.ndarray) -> np.ndarray:
 
 
 def run_length_along(direction: np.ndarray, runs: np.ndarray) -> np.ndarray:
-    """Run length [N] of matter along directions [3, N] in index axes, of any length, in voxels."""
+    """Run length [N] of occupied voxels along directions [3, N] in index axes, of any length, in voxels."""
     along = np.abs(direction) / np.maximum(np.sqrt((direction * direction).sum(axis=0)), 1e-300)
     return np.asarray((run_lengths(runs) / np.maximum(along, GRAZING)).min(axis=0))

@@ -90,7 +90,7 @@ def rendering_of(layer: Any) -> str:
 
 
 def left_out(viewer: Any, layers: Sequence[Any], blend: str) -> Iterator[str]:
-    """A line for each thing that napari shows and the picture does not."""
+    """Notes on everything that napari shows and the picture does not."""
     for layer in viewer.layers:
         if layer.visible and layer not in layers:
             yield f"not rendered: {layer.name}, a {kind_of(layer)} layer of {layer.ndim} axes"

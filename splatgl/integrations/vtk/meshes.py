@@ -87,7 +87,7 @@ def _meshes(actor: Any, camera: Camera) -> Iterator[Mesh]:
 
 
 def texture_differences(actor: Any) -> Iterator[str]:
-    """Names of what is not drawn of an actor's texture."""
+    """Names of unsupported features of an actor's texture."""
     texture, picture = actor.GetTexture(), _picture(actor)
     if texture is not None and picture is None:
         yield "a texture, whose samples are not of 8 bits"

@@ -94,7 +94,7 @@ def settings_of(x: Any) -> Settings:
 
 
 def list_differences(x: Any) -> Iterator[str]:
-    """A line for each thing that a plotter shows, but not its scene and settings."""
+    """Notes on everything that a plotter shows, but not its scene and settings."""
     renderer = renderer_of(x)
     visible = [prop for prop in items(renderer.GetViewProps()) if prop.GetVisibility()]
     kinds = [name for prop in visible for name in _prop_differences(prop)]
