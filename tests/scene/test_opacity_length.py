@@ -111,7 +111,8 @@ def test_previews_of_the_window(unit: str | None, tmp_path: Path, monkeypatch: p
     expected = replace(SOFT, unit=unit).length(volume)  # type: ignore[arg-type]
     assert len({splats.grid.mean_spacing for splats in map(layer.at, STRIDES)}) > 1
     assert {layer.at(stride).unit for stride in STRIDES} == {expected}
-    edited = layer.with_transfer(replace(layer.transfer, points=((0.0, 0.0), (1.0, 0.04))), 0.0)
+    look = replace(layer.transfer, points=((0.0, 0.0), (1.0, 0.04)))
+    edited = layer.with_own(replace(layer.own, transfer=look, threshold=0.0))
     assert {splats.unit for splats in edited.by_stride.values()} == {expected}
 
 
