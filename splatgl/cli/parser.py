@@ -151,7 +151,8 @@ def add_options(parser: argparse.ArgumentParser, record: Any, *names: str) -> No
 def add_option(parser: argparse.ArgumentParser, name: str, option: Option, default: Any = None) -> None:
     """Adds an option. A "basic" one gets the attribute `summary`: its line of `--help`."""
     kind, rest = option.kind, option.help.removeprefix(option.summary)
-    summary = option.summary + (f": {', '.join(option.choices)}" if option.choices and kind.metavar else "")
+    choices = ", ".join(option.choices) if option.choices and kind.metavar else ""
+    summary = f"{option.summary}: {choices}" if choices else option.summary
     if isinstance(default, int | float) and default and "default" not in option.help:
         summary += f" (default {default:g})"
     arguments: dict[str, Any] = {"dest": name, "help": (summary + rest).replace("%", "%%")}
@@ -164,7 +165,9 @@ def add_option(parser: argparse.ArgumentParser, name: str, option: Option, defau
         arguments |= {"action": "append"} if option.repeat else {}
     flag = option.flag or f"--{name.replace('_', '-')}"
     action: Any = group_of(parser, option.group).add_argument(flag, **arguments)
-    action.summary = summary if option.level == "basic" else ""
+    # a single word says no more than the flag
+    line = choices if choices and " " not in option.summary else summary
+    action.summary = line if option.level == "basic" else ""
 
 
 def group_of(parser: argparse.ArgumentParser, title: str) -> argparse._ArgumentGroup:

@@ -56,7 +56,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
 def read_parallel(path: Path, options: LoadOptions) -> Volume:
     """The volume of a .pvti or .pvtr file, whose pieces are files in its folder; options as in `read`."""
     parent = parse_vtk(path, ("PImageData", "PRectilinearGrid"))
-    names = [node.get("ByteSource", "") for node in parent.root.findall(f"{parent.kind}/Piece")]
+    names = [node.get("Source", "") for node in parent.root.findall(f"{parent.kind}/Piece")]
     if not names or len(set(names)) < len(names):
         raise expected("Piece", "one file per piece", f"{len(names)} in {len(set(names))} files")
     files = [parse_vtk(find_data_file(path, name, options.anywhere), (parent.kind[1:],)) for name in names]

@@ -215,7 +215,7 @@ class LayerSplats:
         look = edited.look.on(self.volume)
         made = {
             stride: splats.with_classifier(splats.post.with_transfer(look))
-            for stride, splats in edited.made.copy().items()
+            for stride, splats in edited.by_stride.copy().items()
             if splats.post is not None and splats.holds(edited.transfer)
         }
         return replace(edited, cache={(kind, False): made, (kind, True): made.copy()})

@@ -276,7 +276,7 @@ SECTIONS = {**panel_sections.SECTIONS, "Record": draw_record}
 # settings by section: what scientists look for first, then light, then accuracy and the paper's method
 SETTINGS = {
     "Rendering": ("blend", "mip_attenuation", "motion", "tolerance"),
-    "LightModel": ("shading", "light", *LIGHT_SHARES, *STRENGTHS),
+    "Light": ("shading", "light", *LIGHT_SHARES, *STRENGTHS),
 }
 SETTINGS["Advanced"] = tuple(
     name

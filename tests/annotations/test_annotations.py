@@ -446,16 +446,6 @@ def test_movies_have_running_times(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "expected 'time=TEXT'" in capsys.readouterr().err
 
 
-def spied(draw: Any, cameras: list[sg.Camera]) -> Any:
-    """A method of renderers that keeps its cameras."""
-
-    def wrapped(renderer: sg.Renderer, x: Any, camera: sg.Camera, *more: Any, **named: Any) -> Any:
-        cameras.append(camera)
-        return draw(renderer, x, camera, *more, **named)
-
-    return wrapped
-
-
 @pytest.mark.few(4)
 @pytest.mark.parametrize("case", ["gradient", "threshold", "values", "colours", "levels", "parallel", "layers"])
 def test_annotations_are_laid_with_the_camera_of_the_picture(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -479,10 +469,13 @@ def test_annotations_are_laid_with_the_camera_of_the_picture(case: str, monkeypa
         volume = sg.Volume(samples, vectors=np.tile(np.float32([1, 0, 0]), (16, 16, 16, 1)))
     laid: list[sg.Camera] = []
     drawn: list[sg.Camera] = []
-    for name in ("render", "render_scene"):
-        whole = getattr(sg.Renderer, name, None)
-        if whole is not None:
-            monkeypatch.setattr(sg.Renderer, name, spied(whole, drawn))
+    render = sg.Renderer.draw
+
+    def rendered(renderer: sg.Renderer, scene: Any, *more: Any, **named: Any) -> sg.Image:
+        drawn.append(scene.resolved.camera)
+        return render(renderer, scene, *more, **named)
+
+    monkeypatch.setattr(sg.Renderer, "draw", rendered)
     row = ANNOTATIONS["scale"]
 
     def draw(layer: Canvas, view: AnnotationView) -> None:

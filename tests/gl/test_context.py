@@ -359,7 +359,7 @@ def test_doctor_without_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(contexts, "_open", refuse)
     text, ok = doctor.report(OpenGL())
-    assert not ok and "nothing can be drawn" in text and "apt-get install" in text
+    assert not ok and "nothing can be rendered" in text and "apt-get install" in text
 
 
 FORKED = """

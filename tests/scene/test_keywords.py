@@ -152,6 +152,7 @@ def values() -> dict[str, Any]:
         **{"origin": (5, 0, 0), "name": "x", "values": "labels", "array": "0", "shape": (10, 10, 10)},
         **{"dtype": "uint8", "header_offset": 1, "offset": 1, "channel": 5, "time": 1, "level": 1, "series": 1},
         **{"well": "A/1", "field": 1, "color": "x.png", "relief": 2.0, "point_size": 3.0, "anywhere": True},
+        **{"own": {"gain": 2}, "reader_option": {"gain": 2}},
     }
 
 
@@ -164,7 +165,14 @@ OTHER: dict[tuple[str, str], Any] = {
 }
 # further names by which messages call a keyword
 CALLED = {
-    **{"log": "scale", "region": "regions", "layer": "layers", "mesh": "meshes", "offset": "header_offset"},
+    **{
+        "log": "scale",
+        "region": "regions",
+        "layer": "layers",
+        "mesh": "meshes",
+        "offset": "header_offset",
+        "reader_option": "own",
+    },
     **{"slices": "slice", "slice_planes": "slice", "slice_plane": "slice"},
     # settings of earlier versions
     **{"like": "compositing splats", "paper": "compositing splats"},

@@ -196,7 +196,7 @@ def test_maps_are_linear_light() -> None:
         "0:#000000,0.2:#ff0000,1:#0000ff"
     )
     for wrong in ("0:#000000,0.5:red", "0.5:#000000,0.2:#ffffff", "0:#000000,2:#ffffff", "-:#000000"):
-        with pytest.raises(InputError, match="colormap: expected PLACE:#rrggbb"):
+        with pytest.raises(InputError, match="colormap: expected POSITION:#rrggbb"):
             colormap(wrong)
 
 

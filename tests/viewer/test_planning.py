@@ -59,7 +59,7 @@ def in_notebook(path: Path) -> None:
 @pytest.mark.parametrize("draw", [by_python, by_command, in_window, in_notebook])
 def test_a_picture_is_planned_once(draw: Callable[[Path], None], path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     planned, drawn = list[object](), list[object]()
-    plan, render = plans.plan_layer, sg.Renderer.render
+    plan, render = plans.plan_layer, sg.Renderer.draw
 
     def counted(*arguments: Any, **others: Any) -> Any:
         planned.append(arguments)
@@ -71,6 +71,6 @@ def test_a_picture_is_planned_once(draw: Callable[[Path], None], path: Path, mon
 
     monkeypatch.setattr(scenes, "plan_layer", counted)
     monkeypatch.setattr(plans, "plan_layer", counted)
-    monkeypatch.setattr(sg.Renderer, "render", rendered)
+    monkeypatch.setattr(sg.Renderer, "draw", rendered)
     draw(path)
     assert len(planned) == len(drawn) > 0
