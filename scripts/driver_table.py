@@ -27,11 +27,11 @@ from splatgl.data.mask import apply_mask, make_mask
 from splatgl.data.volume import Label
 from splatgl.distributed.render import join_samples
 from splatgl.fileio import write_file
+from splatgl.gl.renderer import shared_renderer
 from splatgl.gl.shader import ShaderError
 from splatgl.planning.bricks import Bricks, required_bricks
 from splatgl.scene.api import scene_of
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.shared_renderer import shared_renderer
 
 # settings of pictures of the volume; `like` and `motion` are handled in `of_settings`
 SETTINGS: dict[str, dict[str, Any]] = {

@@ -17,10 +17,10 @@ import splatgl as sg
 from splatgl.gl import program
 from splatgl.gl import renderer as renderers
 from splatgl.gl.context import REQUIRE_GPU, current
+from splatgl.gl.renderer import is_usable, shared_renderer
 from splatgl.opengl import OpenGL
 from splatgl.readers import hdf5_files
 from splatgl.scene.draw import DrawOptions
-from splatgl.scene.shared_renderer import is_usable, shared_renderer
 from tests.helpers.levels import with_levels
 from tests.helpers.marks import mark_later, mark_long
 from tests.helpers.twins import twin as twin

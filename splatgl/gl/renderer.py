@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
+from threading import RLock
 from types import TracebackType
 from typing import Any
 
@@ -17,7 +19,7 @@ from splatgl.coercion import public
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
 from splatgl.geometry.camera import Camera
-from splatgl.gl.backends import ContextLost, restore_context
+from splatgl.gl.backends import BackendError, ContextLost, restore_context, restored
 from splatgl.gl.context import check_process, context_info, current, inherited, open_context
 from splatgl.gl.passes import Passes
 from splatgl.gl.shader import choose_shape
@@ -412,6 +414,58 @@ def check_bricks_supported(whole: Splats, camera: Camera, settings: Settings) ->
 def open_renderer(opengl: OpenGL) -> Renderer:
     """A renderer of this choice of OpenGL."""
     return Renderer(opengl.backend, opengl.device, opengl.gpu or False)
+
+
+# one picture at a time in all threads
+_LOCK = RLock()
+_renderers: list[Renderer] = []
+
+
+@contextmanager
+def shared_renderer() -> Iterator[Renderer]:
+    """The shared renderer, locked for the calling thread. Raises InputError as `Renderer`."""
+    with _LOCK, restored():
+        if _renderers and inherited(_renderers[0].ctx):
+            # a forked process cannot close it
+            _renderers.clear()
+        if _renderers and not is_usable(_renderers[0]):
+            _renderers.clear()
+        if not _renderers:
+            _renderers.append(Renderer())
+        try:
+            yield _renderers[0]
+        except InputError:
+            raise
+        except BackendError as error:
+            # another library switched OpenGL's context
+            close_shared_renderer()
+            raise InputError(f"OpenGL: {error}; draw in a process of its own") from error
+        except BaseException:
+            # an interrupted renderer is not used again
+            close_shared_renderer()
+            raise
+
+
+def is_usable(renderer: Renderer) -> bool:
+    """Whether the context still exists: VTK ends the display that it shares with other libraries of the process."""
+    try:
+        with current(renderer.ctx):
+            return True
+    except BackendError:
+        return False
+
+
+def close_shared_renderer() -> None:
+    """Closes the shared renderer; the next call opens a new one."""
+    with _LOCK:
+        while _renderers:
+            last = _renderers.pop()
+            # a lost context has freed itself
+            if inherited(last.ctx) or is_usable(last):
+                last.close()
+
+
+atexit.register(close_shared_renderer)
 
 
 # interleaved frames per variant, after a warm-up frame that compiles and uploads; the fastest counts

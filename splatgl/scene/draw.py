@@ -101,8 +101,7 @@ class DrawOptions:
         """The renderer for one picture."""
         if self.held is not None:
             return nullcontext(self.held)
-        from splatgl.gl.renderer import open_renderer
-        from splatgl.scene.shared_renderer import shared_renderer
+        from splatgl.gl.renderer import open_renderer, shared_renderer
 
         early = self.early.result() if self.early else None
         return shared_renderer() if self.is_shared else early or open_renderer(self.opengl)

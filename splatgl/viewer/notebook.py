@@ -24,10 +24,10 @@ from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.fileio import call_within
 from splatgl.geometry.camera import Camera
+from splatgl.gl.renderer import shared_renderer
 from splatgl.options import declared, names_of, reject_unknown
 from splatgl.scene.api import TRANSFER
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.transfer.presets import PRESETS
 from splatgl.transfer.statistics import statistics

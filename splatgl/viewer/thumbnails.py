@@ -13,9 +13,8 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume, halve_volume
 from splatgl.errors import InputError
 from splatgl.geometry.camera import Camera
-from splatgl.gl.renderer import Renderer
+from splatgl.gl.renderer import Renderer, shared_renderer
 from splatgl.planning.scene import Scene
-from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.settings import Settings
 from splatgl.transfer.statistics import without_outlier_values
 from splatgl.transfer.transfer import Transfer

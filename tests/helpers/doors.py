@@ -20,12 +20,12 @@ import splatgl as sg
 from splatgl.annotations.annotate import on_ground
 from splatgl.cli.main import main
 from splatgl.errors import InputError
+from splatgl.gl.renderer import shared_renderer
 from splatgl.planning import resolve
 from splatgl.scene.draw import DrawOptions, draw
 from splatgl.scene.meshes import VECTORS, MeshFile
 from splatgl.scene.open_scene import OpenScene, without_background
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.viewer.adaptive_quality import FULL
 from splatgl.viewer.commands import Copy
 from splatgl.viewer.document import Document

@@ -19,10 +19,10 @@ import splatgl as sg
 from splatgl import fileio
 from splatgl.animation.animation import Animation
 from splatgl.cli.main import main
+from splatgl.gl.renderer import shared_renderer
 from splatgl.opengl import OpenGL
 from splatgl.planning.culling import OpaqueBounds
 from splatgl.platforms import has_display
-from splatgl.scene import shared_renderer
 from splatgl.scene.draw import DrawOptions, draw
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
@@ -162,7 +162,7 @@ def test_splats_refuse_what_they_were_extracted_with(volume: sg.Volume) -> None:
 @pytest.mark.long
 def test_calls_share_a_renderer_in_any_thread(volume: sg.Volume) -> None:
     right = sg.render(volume, size=64).pixels
-    with shared_renderer.shared_renderer() as first:
+    with shared_renderer() as first:
         pass
     found: dict[int, np.ndarray] = {}
 
@@ -175,13 +175,13 @@ def test_calls_share_a_renderer_in_any_thread(volume: sg.Volume) -> None:
     for thread in threads:
         thread.join()
     assert sorted(found) == [0, 1, 2, 3] and all(np.array_equal(each, right) for each in found.values())
-    with shared_renderer.shared_renderer() as last:
+    with shared_renderer() as last:
         assert last is first
     # what was interrupted is closed
-    with pytest.raises(KeyboardInterrupt), shared_renderer.shared_renderer():
+    with pytest.raises(KeyboardInterrupt), shared_renderer():
         raise KeyboardInterrupt
     assert np.array_equal(sg.render(volume, size=64).pixels, right)
-    with shared_renderer.shared_renderer() as other:
+    with shared_renderer() as other:
         assert other is not first
 
 
@@ -189,7 +189,7 @@ ENDED = """
 import ctypes
 import numpy as np
 import splatgl as sg
-from splatgl.scene.shared_renderer import shared_renderer
+from splatgl.gl.renderer import shared_renderer
 from splatgl.gl.context import current
 from splatgl.gl.backends import BackendError
 ball = sg.scenes.ball(6)

@@ -18,9 +18,9 @@ from splatgl.data.image import Image
 from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
+from splatgl.gl.renderer import shared_renderer
 from splatgl.integrations import color_nodes, opacity_nodes, plane_through
 from splatgl.planning.scene import LEAST, THROUGH, Layer, Scene
-from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.settings import Blend, Settings
 from splatgl.transfer.colormaps import SOLID, colormap_name, labels_of
 from splatgl.transfer.presets import SURFACE
