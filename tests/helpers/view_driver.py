@@ -13,6 +13,7 @@ import queue
 import sys
 import threading
 import time
+import warnings
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -21,7 +22,7 @@ from weakref import WeakSet
 
 import numpy as np
 
-from splatgl.errors import InputError
+from splatgl.errors import InputError, InputWarning
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
 from splatgl.readers import ome_zarr
@@ -347,6 +348,8 @@ def main() -> None:
     if "whole" in asked:
         # bytes of samples that are read at once
         vars(ome_zarr)["WHOLE"] = asked.pop("whole")
+    # as the command does, which prints notes on files by itself
+    warnings.simplefilter("ignore", InputWarning)
     scene = SceneFile.from_toml(Path(source)) if source.endswith(".toml") else SceneFile(source)
     with Renderer(backend) as renderer:
         behind = asked.pop("behind", False)

@@ -759,7 +759,7 @@ def test_the_window_draws_values_and_what_they_cannot_be(document: Document, ren
     for level in (FULL, LADDER[6]):
         frame = painter.draw(state, document, level, False, lambda: False)
         assert frame.info["classification"] == "post" and not any(
-            "takes" in line for line in said_of(state, document, frame)
+            "because of" in line for line in said_of(state, document, frame)
         )
     sheets = replace(state, settings=PRE)
     frame = painter.draw(sheets, document.for_settings(sheets.settings), LADDER[6], False, lambda: False)
@@ -772,7 +772,7 @@ def test_the_window_draws_values_and_what_they_cannot_be(document: Document, ren
     painter.draw(blurred, before, FULL, True, lambda: False)
     blurred = replace(blurred, pose=blurred.pose.spun(5.0, np.array([0.0, 0.0, 1.0])))
     frame = painter.draw(blurred, before, FULL, True, lambda: False)
-    assert frame.blurred and any("motion exact takes" in line for line in said_of(blurred, before, frame))
+    assert frame.blurred and any("because of motion exact" in line for line in said_of(blurred, before, frame))
 
 
 def test_slow_pictures_blur_no_longer_paths(document: Document, renderer: sg.Renderer) -> None:

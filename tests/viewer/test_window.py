@@ -395,7 +395,7 @@ def test_values_classified_after_reconstruction(values: Window, folder: Path) ->
         return any(what in line for line in told["hud lines"])
 
     plain = window.ask("settle")
-    assert plain["full"] and told_of(plain, "classified after") and not told_of(plain, "takes")
+    assert plain["full"] and told_of(plain, "classified after") and not told_of(plain, "because of")
     silent(window)
     after = window.shot().astype(int)
     saved = window.key("s")["message"].split()[-1]
@@ -416,12 +416,14 @@ def test_values_classified_after_reconstruction(values: Window, folder: Path) ->
     window.key("m")
     window.hands("key", "space")
     turning = window.until(lambda told: told["blurred"])
-    assert turning["turning"] and told_of(turning, "classified after") and not told_of(turning, "exact takes")
+    assert (
+        turning["turning"] and told_of(turning, "classified after") and not told_of(turning, "because of motion exact")
+    )
     window.key("space")
     window.key("m")
     window.hands("key", "space")
     turning = window.until(lambda told: told["blurred"])
-    assert turning["blurred"] and window.until(lambda told: told_of(told, "motion exact takes"))["turning"]
+    assert turning["blurred"] and window.until(lambda told: told_of(told, "because of motion exact"))["turning"]
     still = window.key("space")
     assert still["full"] and told_of(still, "classified after")
     window.key("m")
