@@ -230,6 +230,7 @@ class AnimateKeywords(PictureKeywords, total=False):
     keyframes: str | Mapping[str, Any] | None
     hold: int
     flow: float | None
+    draft: bool
     workers: int | None
     scheduler: str | None
     devices: Sequence[int]

@@ -25,6 +25,7 @@ from splatgl.distributed.workers import Drawing, keep_latest, renderer, spread
 from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name
 from splatgl.geometry.camera import Bounded, Camera
+from splatgl.geometry.grid import Grid
 from splatgl.options import HelpGroup, ValueKind, check_options, non_default, option
 from splatgl.planning.bricks import Bricks, excess_bricks, required_bricks
 from splatgl.planning.culling import order_for
@@ -108,6 +109,13 @@ class Timeline:
     flow: float | None = _option(
         None, _pace(metavar="F"), "motion blur along the vectors of the volume, F times their length per frame"
     )
+    draft: bool = _option(
+        False,
+        ValueKind.flag(),
+        "draw faster. One sample a pixel, to a tolerance of 8/255; voxels narrower than a pixel are averaged over "
+        "2×2×2",
+        bare=True,
+    )
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -151,6 +159,7 @@ class Animation:
             raise expected("--slice", "none in movies", scenes[0].slices[0], "--slice-plane shows it in space")
         scenes, scene = open_series(scenes, time, is_quiet)
         settings, view = _sharp_unless_asked(scene.file.settings, timeline), scene.file.view
+        settings = settings.draft if timeline.draft else settings
         if flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments with it, which blur", "motion off", "add --motion exact")
         # a turn is fitted to the part that a still is fitted to
@@ -164,19 +173,22 @@ class Animation:
         moving = settings.shutter > 0
         scene = replace(scene, file=scenes[0], transfer=transfer, is_quiet=is_quiet, is_moving=moving)
         bands = _bands(scene, flow) if scene.is_single else 0
-        only = None if bands or (series and scene.is_single) else _subject(scene, flow, bool(series))
         if len(scenes) == 1:
             check_time(names)
         # what is visible at one time is not at others; version 0.3 fitted layers of a series to its first step
         is_whole = series and (scene.is_single or view.fit != FIT_OF_0_3)
         fitted = part or (replace(view, fit=FIT_ALL).framed(scene.volume, scene.fitted) if is_whole else scene.fitted)
         track, count = _track(scene, fitted, timeline, series)
+        halvings = _halvings(scene, track, count) if timeline.draft and flow is None else 0
+        scene = replace(scene, halvings=halvings) if halvings else scene
+        only = None if bands or (series and scene.is_single) else _subject(scene, flow, bool(series))
         first, last = timeline.only or (0, count - 1)
         if last >= count:
             raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
         times = tuple(map(scene.volume.time_text, range(scene.volume.times))) if scene.volume.times > 1 else ()
         over = FrameAnnotations(names, scene.annotated_subject, scene.legend[1], times) if names else None
-        job, only = FrameJob(scenes, settings, flow, bits, bands, over), None if series else only
+        draft = halvings if timeline.draft else None
+        job, only = FrameJob(scenes, settings, flow, bits, bands, over, draft=draft), None if series else only
         mark = _mark_of(job, transfer, track, count, timeline.hold)
         if only is not None and flow is None and isinstance(track, TurntableTrack):
             steady = settings.moments or _steady(only, settings, track, count)
@@ -279,6 +291,15 @@ def _subject(scene: OpenScene, flow: float | None, is_step: bool) -> FrameSubjec
     return FrameSubject(scene.subject, scene.settings.clip, scene.transfer)
 
 
+def _halvings(scene: OpenScene, track: CameraTrack, count: int) -> int:
+    """How often the voxels of a draft are halved: until they are wider than a pixel in the middle of every frame."""
+    volume, cameras = scene.volume, [track.camera(n) for n in np.linspace(0, count - 1, PROBES)]
+    depths = [max(float(camera.eye_from_points(volume.center)[2]), 0.0) for camera in cameras]
+    pixel = min(float(camera.pixel_pitch(depth)) for camera, depth in zip(cameras, depths, strict=True))
+    ratio = pixel / Grid.of(volume).smallest_spacing
+    return int(np.log2(ratio)) + 1 if ratio >= 1 else 0
+
+
 def _track(scene: OpenScene, subject: Bounded, timeline: Timeline, series: int) -> tuple[CameraTrack, int]:
     """The camera track, and the number of frames. series: number of volumes, if there are several."""
     view, volume = scene.file.view, scene.volume
@@ -370,6 +391,7 @@ class FrameJob:
     """Data that all frames share, without splats: each process extracts them. scenes: one for each volume, in the look
     of the series. settings: with the moments of all frames. flow: displacement along vectors per frame, for motion blur
     alone. bands: number of bands of rows of volumes that are drawn in bricks; 0: whole. top: common scale of X-rays.
+    draft: how often its voxels are halved; None: no draft.
     """
 
     scenes: list[SceneFile]
@@ -379,6 +401,7 @@ class FrameJob:
     bands: int = 0
     annotations: FrameAnnotations | None = None
     top: float | None = None
+    draft: int | None = None
 
     def subject(self, number: int) -> FrameSubject:
         """Reads the subject of frames of one volume."""
@@ -387,7 +410,7 @@ class FrameJob:
         volume, transfer = opened.volume, opened.transfer.on(opened.volume)
         if self.bands:
             return FrameSubject(required_bricks(volume, transfer, self.settings), self.settings.clip, transfer)
-        scene = replace(opened, transfer=transfer, is_moving=file.settings.shutter > 0)
+        scene = replace(opened, transfer=transfer, is_moving=file.settings.shutter > 0, halvings=self.draft or 0)
         flow = flow_of(scene.splats, volume, self.flow) if self.flow is not None and scene.is_single else None
         return FrameSubject(scene.subject, scene.settings.clip, transfer, flow)
 
@@ -404,7 +427,8 @@ class FrameJob:
             from splatgl.gl.large_volumes import render_moving_bricks
 
             return render_moving_bricks(renderer, subject.content, camera, settings, motion, self.bands)
-        return renderer.render(subject.content, camera, replace(settings, clip=subject.clip), motion)
+        settings = replace(settings, clip=subject.clip)
+        return renderer.render(subject.content, camera, settings, motion, verify_bound=self.draft is None)
 
     def frame(
         self, renderer: Renderer, frames: FrameFiles, subject: FrameSubject, view: FrameView, explain: bool
@@ -422,7 +446,9 @@ class FrameJob:
         if self.top is not None and frames.path(view.frame).suffix.lower() == ".png":
             image = scale_xray(image, self.top)
         scene = self.scenes[view.volume]
-        image = Image(image.pixels, {**image.info, **provenance_of(scene, subject.transfer, subject.transfer.unit)})
+        about = provenance_of(scene, subject.transfer, subject.transfer.unit)
+        about |= {"voxels_averaged": 8**self.draft} if self.draft else {}
+        image = Image(image.pixels, {**image.info, **about})
         if over is not None:
             names = over.at(scene.load.get("time", view.volume))
             image = on_ground(annotated(image, over.subject, over.transfer, view.camera, names, ground, True), ground)

@@ -23,13 +23,11 @@ from splatgl.splat.hidden_interior import LIGHT, TOLERANCE
 from splatgl.splat.kernels import BOX, FREE, Kernel, has_negative, kernel
 from splatgl.splat.lighting import LIGHTS, LightModel
 from splatgl.splat.motion_blur import MOTIONS
-from splatgl.splat.settings import Blend, Blending, Motions, Settings
+from splatgl.splat.settings import AVERAGED, Blend, Blending, Motions, Settings
 from splatgl.splat.sheets import MOST_SHEETS, Sheets
 from splatgl.splat.splats import MOST_KEPT, Splats
 from splatgl.transfer.transfer import Transfer
 
-# kinds of antialiasing whose pixels are means of samples
-AVERAGED = ("auto", "supersample")
 # samples along each axis of pixels that may take one instead; share of the tolerance that its end correction may reach;
 # and the width of these pixels, in voxels: most tiles of wider ones have edges
 SPARED, SPARED_SHARE, SPARED_PIXEL = 2, 0.25, 0.6

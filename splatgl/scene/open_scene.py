@@ -15,7 +15,7 @@ from splatgl.annotations.annotate import ROOM, check_size, with_time
 from splatgl.annotations.canvas import AnnotatedSubject, ColorScale
 from splatgl.data.color import AUTO
 from splatgl.data.scenes import SCENES
-from splatgl.data.volume import Label, Volume
+from splatgl.data.volume import Label, Volume, halve_volume
 from splatgl.errors import USER_ERRORS, InputError, expected, list_names
 from splatgl.fileio import budget, format_bytes
 from splatgl.geometry.scissors import cut_volume
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 
 # most labels that the provenance lists: some 16 kB of text
 LABELS = 512
+# volumes with fewer voxels are not halved
+SMALL = 1 << 15
 
 
 class LayerSource(NamedTuple):
@@ -59,7 +61,7 @@ class OpenScene:
     file: the names and options; the planes of its clip and crop are in its settings, and its view shows a box with its
     numbers. volume, transfer: of the first layer. is_quiet: whether notes on files are not printed. is_live: whether a
     window shows it, in which hidden layers can be shown. is_moving: whether pictures are motion-blurred. fixed_camera:
-    the camera that a level of detail was chosen for.
+    the camera that a level of detail was chosen for. halvings: how often voxels are averaged over 2×2×2 for a draft.
     """
 
     file: SceneFile
@@ -69,6 +71,7 @@ class OpenScene:
     is_live: bool = False
     is_moving: bool = False
     fixed_camera: Camera | None = None
+    halvings: int = 0
 
     @classmethod
     def read(cls, file: SceneFile, is_quiet: bool = True, is_live: bool = False) -> OpenScene:
@@ -128,6 +131,8 @@ class OpenScene:
     def _visible_layers(self) -> list[Layer]:
         """The layers; if none is visible, the first one, clear."""
         layers = [layer for source in self.read_layers() for layer in source.layers]
+        if self.halvings:
+            layers = [replace(layer, volume=self._halved(layer.volume, layer.faded)) for layer in layers]
         if self.file.surfaces is not None:
             layers = _with_surfaces(layers, self.file)
         if not any(layer.visible and layer.opacity for layer in layers):
@@ -140,8 +145,15 @@ class OpenScene:
         from splatgl.planning.resolve import extract_for_settings
 
         progress, file = None if self.is_quiet else extraction_bar, self.file
-        look = self.volume, self.transfer, file.settings, file.threshold
+        look = self._halved(self.volume, self.transfer), self.transfer, file.settings, file.threshold
         return extract_for_settings(*look, progress, self.is_moving)
+
+    def _halved(self, volume: Volume, transfer: Transfer) -> Volume:
+        """The volume of a layer in fewer voxels; clouds of points stay."""
+        for _ in range(self.halvings if volume.points is None else 0):
+            if volume.count > SMALL:
+                volume = halve_volume(replace(volume, coarser=()), bool(transfer.labels))
+        return volume
 
     @property
     def subject(self) -> Splats | Scene:

@@ -131,6 +131,11 @@ MAX_MOMENTS = 4096
 # sheets that share a splat, and most parts of a sheet
 LEAST_SHEETS, MOST_SHEETS, MOST_STEPS = 2, 4, 8
 
+# tolerance of pictures in motion, and of drafts
+LENIENT = 8 / 255
+# kinds of antialiasing whose pixels are means of samples
+AVERAGED = ("auto", "supersample")
+
 # the defaults of earlier versions
 LIKE: dict[str, dict[str, Any]] = {
     "0.1": {"classification": "pre", "compositing": "splats", "antialias": "paper", "background": None},
@@ -388,6 +393,12 @@ class Settings(Blending):
     def absorbing(self) -> Settings:
         """The settings of a picture whose rays are absorbed: composite instead of one value of each."""
         return self.replace(blend="composite") if self.shows_value else self
+
+    @property
+    def draft(self) -> Settings:
+        """The settings of a draft: one sample a pixel, to a larger tolerance."""
+        antialias: Antialias = "off" if self.antialias in AVERAGED else self.antialias
+        return self.replace(antialias=antialias, tolerance=max(self.tolerance, LENIENT))
 
     def require_composite(self, what: str) -> None:
         """Raises InputError for all blends but composite, which the named feature does not support."""

@@ -27,8 +27,7 @@ from splatgl.data.volume import FEWEST, Volume, halve_volume, subsample
 from splatgl.errors import USER_ERRORS
 from splatgl.fileio import budget, format_bytes
 from splatgl.planning.bricks import bricks_of, estimate_need
-from splatgl.planning.resolve import AVERAGED
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import AVERAGED, LENIENT, Settings
 from splatgl.splat.splats import MOST_KEPT
 from splatgl.transfer.transfer import Transfer
 
@@ -97,8 +96,8 @@ NEWEST, MOST_RISE = 0.5, 2.0
 PIXEL, PIXELS_PER_SPLAT = 1.5e-7, 2.0
 # seconds of a frame above which there is no floor
 STUCK = 0.2
-# tolerance in motion, with one sample a pixel, and its share of the time of all that is asked for
-LENIENT, LENIENT_SHARE = 8 / 255, 1 / 3
+# share of a preview's time, with one sample a pixel to LENIENT, of that of all that is asked for
+LENIENT_SHARE = 1 / 3
 
 
 @dataclass(frozen=True)

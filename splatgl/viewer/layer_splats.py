@@ -14,6 +14,7 @@ from splatgl.geometry.scissors import Scissors, cut_volume
 from splatgl.planning.culling import OpaqueBounds, eye_is_outside, visible_shell
 from splatgl.planning.resolve import extraction_kind, why_per_splat
 from splatgl.planning.scene import Layer
+from splatgl.scene.open_scene import SMALL
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FIT_OF_0_3
 from splatgl.splat.extract import Progress, extract, why_only_pre
@@ -23,8 +24,6 @@ from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.adaptive_quality import STRIDES, StandIn, choose_stand_in
 from splatgl.viewer.state import LayerStyle
 
-# volumes with fewer voxels are not downsampled
-SMALL = 1 << 15
 # number of splats that can be processed within a millisecond
 FEW = 200_000
 # classification and kernel

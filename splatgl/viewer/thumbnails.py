@@ -15,10 +15,9 @@ from splatgl.errors import InputError
 from splatgl.geometry.camera import Camera
 from splatgl.gl.renderer import Renderer, shared_renderer
 from splatgl.planning.scene import Scene
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import LENIENT, Settings
 from splatgl.transfer.statistics import without_outlier_values
 from splatgl.transfer.transfer import Transfer
-from splatgl.viewer.adaptive_quality import LENIENT
 
 # side of a picture, pixels; size of that of a transfer function
 SIDE, BAR = 192, (240, 48)

@@ -16,7 +16,7 @@ from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.view import GridView
-from splatgl.planning.resolve import AVERAGED, Resolved
+from splatgl.planning.resolve import Resolved
 from splatgl.reference.rays import FootprintRow, PixelBoxes, pixel_ends
 from splatgl.reference.renderer import SplatScene, draw_bands
 from splatgl.splat.footprint import GRAZING, SplatQuads, on_quads, run_lengths, table_quad
@@ -24,7 +24,7 @@ from splatgl.splat.kernels import tabulate
 from splatgl.splat.line_integral import Integral, row1
 from splatgl.splat.motion import Motion, Streaks, streaks
 from splatgl.splat.motion_blur import MOTIONS, SHORT, BlurTable, blur_table, moving_depth
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import AVERAGED, Settings
 from splatgl.splat.splats import Splats
 
 
