@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.animation.camera_track import CameraTrack, TurntableTrack, keyframes, turning
-from splatgl.animation.movie import open_series, read_ahead
+from splatgl.animation.movie import finish_behind, open_series, read_ahead
 from splatgl.annotations.annotate import annotated, check_time, on_ground
 from splatgl.annotations.canvas import AnnotatedSubject
 from splatgl.data.image import Image
@@ -212,10 +212,11 @@ class Animation:
         groups = [(number, list(group)) for number, group in groupby(todo, self.shown)]
         subjects = read_ahead(read, [number for number, _ in groups])
         self._sort(todo)
-        return (
-            (n, *job.frame(renderer, frames, subject, self.view(n), explain and n == todo[0]))
-            for (_, group), (_, subject) in zip(groups, subjects, strict=True)
-            for n in group
+        views = (
+            (subject, self.view(n)) for (_, group), (_, subject) in zip(groups, subjects, strict=True) for n in group
+        )
+        return finish_behind(
+            job.frame(renderer, frames, subject, view, explain and view.frame == todo[0]) for subject, view in views
         )
 
     def drawn_on_workers(
@@ -432,9 +433,11 @@ class FrameJob:
 
     def frame(
         self, renderer: Renderer, frames: FrameFiles, subject: FrameSubject, view: FrameView, explain: bool
-    ) -> tuple[bytes, list[str]]:
-        """The file of a frame, and notes on settings that do not change it. explain: prints its plan."""
-        over, ground, content = self.annotations, self.settings.ground, subject.content
+    ) -> Callable[[], tuple[int, bytes, list[str]]]:
+        """Draws a frame. Returns a function for any thread that returns its number, its file, and notes on settings
+        that do not change it. explain: prints its plan.
+        """
+        over, content = self.annotations, subject.content
         settings = without_background(self.settings, over.names if over else ())
         motion = view.motion if subject.flow is None else view.motion and replace(view.motion, flow=subject.flow)
         image = self._render(renderer, subject, view.camera, settings, motion)
@@ -443,16 +446,24 @@ class FrameJob:
         # those on its layers are printed where they are read; the parts of a picture in bricks do not know what moves
         is_whole, told = not isinstance(content, Bricks), getattr(content, "notes", ())
         notes = [note for note in image.notes if is_whole and note not in told]
+        # the plan would keep the splats of a series
+        drawn = Image(image.pixels, image.info)
+        encode = partial(self._encoded, frames, subject.transfer, view, drawn)
+        return lambda: (view.frame, encode(), notes)
+
+    def _encoded(self, frames: FrameFiles, transfer: Transfer, view: FrameView, image: Image) -> bytes:
+        """The file of a frame, with its annotations and provenance. image: as it was drawn."""
+        over, ground = self.annotations, self.settings.ground
         if self.top is not None and frames.path(view.frame).suffix.lower() == ".png":
             image = scale_xray(image, self.top)
         scene = self.scenes[view.volume]
-        about = provenance_of(scene, subject.transfer, subject.transfer.unit)
+        about = provenance_of(scene, transfer, transfer.unit)
         about |= {"voxels_averaged": 8**self.draft} if self.draft else {}
         image = Image(image.pixels, {**image.info, **about})
         if over is not None:
             names = over.at(scene.load.get("time", view.volume))
             image = on_ground(annotated(image, over.subject, over.transfer, view.camera, names, ground, True), ground)
-        return frames.encoded(view.frame, image, self.bits), notes
+        return frames.encoded(view.frame, image, self.bits)
 
     def brightest(
         self, renderer: Renderer, probes: Sequence[tuple[int, Camera]], read: Callable[[int], FrameSubject]
@@ -578,7 +589,7 @@ def _mark(path: Path) -> str | None:
 def _frame(job: FrameJob, drawing: Drawing, frames: FrameFiles, view: FrameView) -> tuple[int, bytes, list[str]]:
     """On a worker: a frame's number, its file and notes."""
     subject = keep_latest((frames.mark, view.volume), lambda: job.subject(view.volume))
-    return view.frame, *job.frame(renderer(drawing), frames, subject, view, explain=False)
+    return job.frame(renderer(drawing), frames, subject, view, explain=False)()
 
 
 def _brightest(job: FrameJob, drawing: Drawing, probes: list[tuple[int, Camera]]) -> float:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
-from splatgl.errors import expected, missing_extra
+from splatgl.errors import USER_ERRORS, expected, missing_extra
 from splatgl.fileio import atomic_write
 from splatgl.readers.remote import is_address
 from splatgl.scene.open_scene import OpenScene, look_notes, print_lines, print_notes, series_look
@@ -203,3 +204,20 @@ def read_ahead(read: Callable[[int], T], wanted: Sequence[int]) -> Iterator[tupl
             yield n, result
             # the caller has the only reference
             del result
+
+
+def finish_behind(steps: Iterable[Callable[[], T]]) -> Iterator[T]:
+    """The results of functions in order; a thread calls each while the next ones are prepared, but the first at once.
+    An error of their preparation follows the results of those before it.
+    """
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="finish-behind") as pool:
+        coming = deque[Future[T]]()
+        try:
+            for number, step in enumerate(steps):
+                coming.append(pool.submit(step))
+                while len(coming) > min(number, 1):
+                    yield coming.popleft().result()
+        except (KeyboardInterrupt, *USER_ERRORS):
+            yield from (result.result() for result in coming)
+            raise
+        yield from (result.result() for result in coming)
