@@ -31,7 +31,7 @@ from splatgl.planning.bricks import Bricks, excess_bricks, required_bricks
 from splatgl.planning.culling import order_for
 from splatgl.planning.resolve import has_streaks
 from splatgl.planning.scene import Scene, moments_per_frame
-from splatgl.scene.open_scene import OpenScene, print_lines, provenance_of, without_background
+from splatgl.scene.open_scene import SMALL, OpenScene, print_lines, provenance_of, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FIT_ALL, FIT_OF_0_3
 from splatgl.splat.motion import Motion, flow_of
@@ -293,12 +293,16 @@ def _subject(scene: OpenScene, flow: float | None, is_step: bool) -> FrameSubjec
 
 
 def _halvings(scene: OpenScene, track: CameraTrack, count: int) -> int:
-    """How often the voxels of a draft are halved: until they are wider than a pixel in the middle of every frame."""
+    """How often the voxels of a draft are halved: until they are wider than a pixel in the middle of every frame, or
+    few.
+    """
     volume, cameras = scene.volume, [track.camera(n) for n in np.linspace(0, count - 1, PROBES)]
     depths = [max(float(camera.eye_from_points(volume.center)[2]), 0.0) for camera in cameras]
     pixel = min(float(camera.pixel_pitch(depth)) for camera, depth in zip(cameras, depths, strict=True))
-    ratio = pixel / Grid.of(volume).smallest_spacing
-    return int(np.log2(ratio)) + 1 if ratio >= 1 else 0
+    voxel, halvings = Grid.of(volume).smallest_spacing, 0
+    while volume.points is None and voxel * 2**halvings <= pixel and volume.count > SMALL * 8**halvings:
+        halvings += 1
+    return halvings
 
 
 def _track(scene: OpenScene, subject: Bounded, timeline: Timeline, series: int) -> tuple[CameraTrack, int]:

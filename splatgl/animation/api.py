@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.animation.animation import Animation, FrameFiles, Timeline
-from splatgl.animation.movie import need, volumes, write_movie
+from splatgl.animation.movie import need, volumes, write_behind
 from splatgl.coercion import public
 from splatgl.errors import USER_ERRORS, error_prefix, expected
 from splatgl.fileio import check_source, within, write_file
@@ -31,6 +31,8 @@ SHORTEST = 2.0
 # a GIF frame lasts at most 655 s
 MIN_FPS, MAX_FPS = 0.01, 1000.0
 BLACK = (0.0, 0.0, 0.0)
+# number, file and notes of frames; and what is called with the path of each that exists
+Drawn, Wrote = Iterator[tuple[int, bytes, list[str]]], Callable[[Path], None]
 
 
 # keywords of an animation alone: its time points may be several
@@ -138,29 +140,29 @@ def write_animation(
         check_source(frames.path(n), *sources)
     frames.sweep(wanted)
     todo = [n for n in wanted if not (resume and frames.done(n))]
-    with _told_if_stopped(frames, wanted):
+    with _told_if_stopped(frames, wanted), _movie(animation, frames, fps, todo) as wrote:
         if todo and by.are_used:
             require_built_in(animation.job.settings.kernel)
             how.check_supported("workers", "frames rendered by this process", "--workers")
             with by.connected(None if quiet else print) as client:
                 drawn = animation.drawn_on_workers(client, frames, todo, by.drawing)
-                _write(frames, drawn, len(todo), quiet, alike=False)
+                _write(frames, drawn, wrote, len(todo), quiet, alike=False)
         elif todo:
             with how.renderer() as renderer:
                 drawn = animation.drawn_here(renderer, frames, todo, how.explain)
-                _write(frames, drawn, len(todo), quiet, alike=True)
-        _join(animation, frames, fps)
+                _write(frames, drawn, wrote, len(todo), quiet, alike=True)
     return [frames.movie] if frames.movie else [frames.path(n) for n in wanted], len(wanted) - len(todo)
 
 
-def _write(
-    frames: FrameFiles, drawn: Iterator[tuple[int, bytes, list[str]]], count: int, quiet: bool, alike: bool
-) -> None:
-    """Writes frames as they are drawn; prints the notes on the first. count: of all. alike: as of `progress_bar`."""
+def _write(frames: FrameFiles, drawn: Drawn, wrote: Wrote, count: int, quiet: bool, alike: bool) -> None:
+    """Writes frames as they are drawn; prints the notes on the first. wrote: is called with each that exists. count: of
+    all. alike: as of `progress_bar`.
+    """
     with progress_bar("frame", quiet, alike) as progress:
         for done, (n, data, notes) in enumerate(drawn, 1):
             print_lines(notes, quiet or done > 1)
             write_file(frames.path(n), data)
+            wrote(frames.path(n))
             progress(done, count)
 
 
@@ -177,14 +179,19 @@ def _told_if_stopped(frames: FrameFiles, wanted: Sequence[int]) -> Iterator[None
         raise
 
 
-def _join(animation: Animation, frames: FrameFiles, fps: float | None) -> None:
-    """Writes the movie, if one is asked for, and removes its frames."""
-    if frames.movie:
-        ground = animation.job.scenes[0].settings.ground or BLACK
-        # fewer for a short series, so that it can be followed
-        usual = min(FPS, animation.count / SHORTEST) if len(animation.job.scenes) > 1 else FPS
-        write_movie(frames.movie, [frames.path(n) for n in animation.numbers], fps or usual, ground)
-        frames.clear(animation.numbers)
+@contextmanager
+def _movie(animation: Animation, frames: FrameFiles, fps: float | None, todo: Sequence[int]) -> Iterator[Wrote]:
+    """Writes the movie, if one is asked for, while its frames are written, and removes them. todo: their numbers."""
+    if frames.movie is None:
+        yield lambda _: None
+        return
+    ground = animation.job.scenes[0].settings.ground or BLACK
+    # fewer for a short series, so that it can be followed
+    usual = min(FPS, animation.count / SHORTEST) if len(animation.job.scenes) > 1 else FPS
+    pictures, coming = ([frames.path(n) for n in numbers] for numbers in (animation.numbers, todo))
+    with write_behind(frames.movie, pictures, coming, fps or usual, ground) as wrote:
+        yield wrote
+    frames.clear(animation.numbers)
 
 
 def check_fps(fps: float | None, name: str) -> None:

@@ -6,13 +6,16 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from threading import Event
 from typing import Any, TypeVar
 
 import numpy as np
 
+from splatgl.data.color import Color
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import USER_ERRORS, expected, missing_extra
@@ -41,19 +44,48 @@ def need(path: Path) -> None:
         _library()
 
 
-def write_movie(path: Path, pictures: Sequence[Path], fps: float, ground: tuple[float, float, float]) -> None:
-    """Writes a movie of PNG images of one size over a background colour (linear RGB), atomically.
+def write_movie(path: Path, pictures: Iterable[Path], count: int, fps: float, over: Color) -> None:
+    """Writes a movie of PNG images of one size over a background colour (linear RGB), atomically. count: of images.
 
     Raises InputError if it cannot be written.
     """
     with atomic_write(path) as part:
         if path.suffix.lower() == ".gif":
-            _write_gif(part, pictures, fps, ground)
+            chosen, durations = gif_times(count, fps)
+            _write_gif(part, _frames((each for n, each in enumerate(pictures) if n in chosen), over), durations)
         else:
-            _write_video(part, path.suffix.lower(), pictures, fps, ground)
+            _write_video(part, path.suffix.lower(), _frames(pictures, over), fps)
 
 
-def _frames(pictures: Sequence[Path], ground: tuple[float, float, float]) -> Iterator[np.ndarray]:
+@contextmanager
+def write_behind(
+    path: Path, pictures: Sequence[Path], coming: Iterable[Path], fps: float, over: Color
+) -> Iterator[Callable[[Path], None]]:
+    """As `write_movie`, in a thread meanwhile. coming: images that do not exist yet; the function is called with each
+    that does. An error or interruption stops the thread.
+    """
+    there, stopped = {picture: Event() for picture in coming}, Event()
+
+    def existing() -> Iterator[Path]:
+        for picture in pictures:
+            if picture in there:
+                there[picture].wait()
+            if stopped.is_set():
+                raise InterruptedError
+            yield picture
+
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="write-behind") as pool:
+        movie = pool.submit(write_movie, path, existing(), len(pictures), fps, over)
+        try:
+            yield lambda picture: there[picture].set()
+            movie.result()
+        finally:
+            stopped.set()
+            for each in there.values():
+                each.set()
+
+
+def _frames(pictures: Iterable[Path], over: Color) -> Iterator[np.ndarray]:
     """Yields frames, uint8 [H, W, 3], sRGB."""
     from splatgl.data.color import srgb_from_linear
     from splatgl.data.image import Image, load_png
@@ -63,18 +95,16 @@ def _frames(pictures: Sequence[Path], ground: tuple[float, float, float]) -> Ite
         if samples.dtype == np.uint8 and samples[..., 3].min() == 255:
             yield np.ascontiguousarray(samples[..., :3])
             continue
-        shown = Image.from_samples(samples).over(ground).pixels[..., :3]
+        shown = Image.from_samples(samples).over(over).pixels[..., :3]
         yield np.rint(srgb_from_linear(np.clip(shown, 0.0, 1.0)) * 255).astype(np.uint8)
 
 
-def _write_video(
-    part: Path, suffix: str, pictures: Sequence[Path], fps: float, ground: tuple[float, float, float]
-) -> None:
+def _write_video(part: Path, suffix: str, frames: Iterable[np.ndarray], fps: float) -> None:
     av = _library()
     form, codec, options = CODECS[suffix]
     with av.open(str(part), "w", format=form, options=EXACT) as container:
         stream: Any = None
-        for shown in _frames(pictures, ground):
+        for shown in frames:
             # chroma subsampling requires even sides
             shown = np.pad(shown, ((0, shown.shape[0] % 2), (0, shown.shape[1] % 2), (0, 0)), mode="edge")
             if stream is None:
@@ -86,14 +116,12 @@ def _write_video(
         container.mux(stream.encode(None))
 
 
-def _write_gif(part: Path, pictures: Sequence[Path], fps: float, ground: tuple[float, float, float]) -> None:
+def _write_gif(part: Path, frames: Iterable[np.ndarray], durations: Sequence[int]) -> None:
     """Writes a GIF with an optimal palette of 256 colours per frame."""
     from PIL import Image as Pillow
 
-    chosen, durations = gif_times(len(pictures), fps)
-    frames = _frames([pictures[number] for number in chosen], ground)
     shown = (Pillow.fromarray(frame).quantize(256, method=Pillow.Quantize.MEDIANCUT) for frame in frames)
-    next(shown).save(part, "GIF", save_all=True, append_images=shown, duration=durations, loop=0, optimize=False)
+    next(shown).save(part, "GIF", save_all=True, append_images=shown, duration=list(durations), loop=0, optimize=False)
 
 
 def gif_times(count: int, fps: float) -> tuple[list[int], list[int]]:

@@ -10,8 +10,10 @@ import subprocess
 import sys
 import time
 import weakref
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -19,10 +21,12 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.animation.animation import Animation, FrameFiles, Timeline, scale_xray
+from splatgl.animation import movie
+from splatgl.animation.animation import Animation, FrameFiles, FrameJob, FrameView, Timeline, scale_xray
 from splatgl.animation.camera_track import RotationHull, between, keyframes, turning
 from splatgl.animation.movie import expanded, gif_times, read_ahead, volumes
 from splatgl.cli.main import main
+from splatgl.gl import renderer as renderers
 from splatgl.scene.draw import ProgressLines, duration
 from splatgl.scene.open_scene import series_look
 from splatgl.scene.scene_file import SceneFile
@@ -35,6 +39,8 @@ pytestmark = pytest.mark.usefixtures("shared_programs")
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
 # seconds after which a thread hangs
 LONGEST = 300.0
+# seconds within which a thread begins what it does beside others
+SHORT = 20.0
 SMALL = ["--size", "24", "--quiet"]
 
 
@@ -605,12 +611,11 @@ def test_a_movie_goes_on_from_its_frames(
     stop: BaseException, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The frames that stay are told, from the command as from Python."""
-    from splatgl.animation import api
 
     def killed(*_: object) -> None:
         raise type(stop)(*stop.args)
 
-    monkeypatch.setattr(api, "write_movie", killed)
+    monkeypatch.setattr(movie, "write_movie", killed)
     arguments = ["ball.npy", "-o", "m.gif", "--frames", "3"]
     assert animate(*arguments) == (130 if isinstance(stop, KeyboardInterrupt) else 2)
     assert len(list(Path("m.gif.frames").iterdir())) == 3
@@ -623,6 +628,92 @@ def test_a_movie_goes_on_from_its_frames(
     monkeypatch.chdir(here)
     assert animate(*arguments, "--resume") == 0
     assert Path("m.gif").is_file() and not Path("m.gif.frames").exists()
+
+
+def test_a_draft_takes_one_sample_and_voxels_as_wide_as_pixels(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Near the movie, and no part of it; where pixels are narrow, voxels stay."""
+    z, y, x = np.mgrid[:44, :44, :44]
+    np.save("fine.npy", ((np.hypot(np.hypot(x - 22, y - 20), z - 24) < 17) * 200).astype(np.uint8))
+    draft, usual = (["fine.npy", "--frames", "3", "-o", f"{n}/{{frame}}.png"] for n in range(2))
+    assert animate(*draft, "--draft") == animate(*usual) == 0
+    for n in range(3):
+        quick, full = (sg.Image.load(f"{kind}/{n}.png") for kind in range(2))
+        assert (quick.info["samples"], quick.info["tolerance"]) == (1, 8 / 255)
+        assert quick.info["voxels_averaged"] == 8 and "voxels_averaged" not in full.info
+        assert quick.info["splats"] < full.info["splats"] / 3  # type: ignore[operator]
+        assert 0 < np.sqrt(((quick.pixels - full.pixels) ** 2).mean()) < 0.1
+    assert animate(*usual, "--resume", "--draft") == 2
+    assert "a frame of this animation" in capsys.readouterr().err
+    found = sg.animate("fine.npy", "py/{frame}.png", frames=3, size=24, draft=True)
+    assert all(path.read_bytes() == Path(f"0/{path.name}").read_bytes() for path in found)
+    (large,) = sg.animate("fine.npy", "l/{frame}.png", frames=3, size=96, only=(0, 0), draft=True)
+    assert "voxels_averaged" not in sg.Image.load(large).info
+
+
+@pytest.mark.parametrize("beside", [(), (SceneFile("ball.npy"),)], ids=["alone", "layers"])
+def test_workers_draw_the_voxels_of_a_draft(beside: tuple[SceneFile, ...], here: Path) -> None:
+    np.save("fine.npy", np.pad(np.full((30, 30, 30), 9.0, np.float32), 4))
+    file = SceneFile("fine.npy", layers=beside, view=ViewOptions(size=(12, 12)))
+    counts = []
+    for is_draft in (False, True):
+        movie = Animation.of([file], Timeline(draft=is_draft), None, 8, is_quiet=True)
+        assert movie.only is not None
+        for content in (movie.only.content, movie.job.subject(0).content):
+            assert isinstance(content, sg.Splats | sg.Scene)
+            counts.append([len(splats) for splats, _ in content.drawn(movie.job.settings)])
+    assert counts[0] == counts[1] and counts[2] == counts[3] and counts[2][0] < counts[0][0] / 4
+    assert counts[2][1:] == counts[0][1:]
+
+
+@pytest.mark.few(1)
+def test_frames_are_encoded_and_joined_while_the_next_ones_are_drawn(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each is planned once."""
+    begun, joined, plans = [Event() for _ in range(5)], Event(), list[object]()
+    frame, encoded, frames_of, plan = FrameJob.frame, FrameFiles.encoded, movie._frames, renderers.plan_scene
+
+    def draws(self: FrameJob, renderer: sg.Renderer, files: Any, subject: Any, view: FrameView, explain: bool) -> Any:
+        begun[view.frame].set()
+        return frame(self, renderer, files, subject, view, explain)
+
+    def encodes(self: FrameFiles, number: int, image: sg.Image, bits: int) -> bytes:
+        # the time of the first is told at once
+        assert number == 0 or (joined if number == 4 else begun[number + 1]).wait(SHORT), number
+        return encoded(self, number, image, bits)
+
+    def joins(*of: Any) -> Iterator[np.ndarray]:
+        for shown in frames_of(*of):
+            joined.set()
+            yield shown
+
+    monkeypatch.setattr(FrameJob, "frame", draws)
+    monkeypatch.setattr(FrameFiles, "encoded", encodes)
+    monkeypatch.setattr(movie, "_frames", joins)
+    monkeypatch.setattr(renderers, "plan_scene", lambda *of: plans.append(of) or plan(*of))
+    assert sg.animate("ball.npy", "m.gif", frames=5, size=24) == [Path("m.gif")]
+    assert len(plans) == 5
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt(), sg.InputError("the fourth cannot be drawn")])
+def test_frames_before_one_that_fails_stay(stop: BaseException, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    frame = FrameJob.frame
+
+    def draws(self: FrameJob, renderer: sg.Renderer, files: Any, subject: Any, view: FrameView, explain: bool) -> Any:
+        if view.frame == 3:
+            raise type(stop)(*stop.args)
+        return frame(self, renderer, files, subject, view, explain)
+
+    monkeypatch.setattr(FrameJob, "frame", draws)
+    with pytest.raises(type(stop)) as error:
+        sg.animate("ball.npy", "m.gif", frames=6, size=24)
+    assert error.value.__notes__[0].startswith("3 of 6 frames stay in m.gif.frames; --resume")
+    assert len(list(Path("m.gif.frames").iterdir())) == 3 and not list(here.glob("*m.gif*.*"))[1:]
+    monkeypatch.undo()
+    monkeypatch.chdir(here)
+    sg.animate("ball.npy", "m.gif", frames=6, size=24, resume=True)
+    sg.animate("ball.npy", "n.gif", frames=6, size=24)
+    assert Path("m.gif").read_bytes() == Path("n.gif").read_bytes()
 
 
 def test_movies_need_their_extra(

@@ -23,7 +23,7 @@ def picture(path: Path) -> None:
 
 def gif(path: Path) -> None:
     picture(path.parent / "frame.png")
-    write_movie(path, [path.parent / "frame.png"], 10.0, (0, 0, 0))
+    write_movie(path, [path.parent / "frame.png"], 1, 10.0, (0, 0, 0))
     (path.parent / "frame.png").unlink()
 
 
