@@ -32,7 +32,8 @@ SHORTEST = 2.0
 MIN_FPS, MAX_FPS = 0.01, 1000.0
 BLACK = (0.0, 0.0, 0.0)
 # number, file and notes of frames; and what is called with the path of each that exists
-Drawn, Wrote = Iterator[tuple[int, bytes, list[str]]], Callable[[Path], None]
+Drawn = Iterator[tuple[int, bytes, list[str]]]
+Wrote = Callable[[Path], None]
 
 
 # keywords of an animation alone: its time points may be several
@@ -60,12 +61,11 @@ def animate(
     x: as of `render`, not splats, scenes or plotters; or a list: a series in time, as are the files of a pattern, and
     the time points of a file, or some of them: time=slice(0, 20, 2). output: frames/{frame:04d}.png or .npy, or a name
     that ends in .mp4, .webm or .gif. transfer, settings: as of `render`.
-    options: those of `render`, and frames (their number), turntable (total angle in degrees, 360 by default), spin
-    (degrees a frame), axis, keyframes (a file or its table), hold (frames for each volume of a series), flow, only (the
-    first and the last frame to draw), fps, bits (8 or 16), resume (keep frames that exist), workers (processes of this
-    machine that draw) or scheduler (the address of Dask's), devices (their numbers); they replace those of a scene
-    file. Raises InputError as `render`, and for options that
-    do not go together.
+    options: those of `render`, and frames (their number), draft (draw faster), turntable (total angle in degrees, 360
+    by default), spin (degrees a frame), axis, keyframes (a file or its table), hold (frames for each volume of a
+    series), flow, only (the first and the last frame to draw), fps, bits (8 or 16), resume (keep frames that exist),
+    workers (processes of this machine that draw) or scheduler (the address of Dask's), devices (their numbers); they
+    replace those of a scene file. Raises InputError as `render`, and for options that do not go together.
 
     ```python
     sg.animate("head.nii.gz", "turn.gif", frames=8, size=64)

@@ -671,7 +671,7 @@ def test_frames_are_encoded_and_joined_while_the_next_ones_are_drawn(
 ) -> None:
     """Each is planned once."""
     begun, joined, plans = [Event() for _ in range(5)], Event(), list[object]()
-    frame, encoded, frames_of, plan = FrameJob.frame, FrameFiles.encoded, movie._frames, renderers.plan_scene
+    frame, encoded, frames_of, plan = FrameJob.frame, FrameFiles.encoded, movie._frames, vars(renderers)["plan_scene"]
 
     def draws(self: FrameJob, renderer: sg.Renderer, files: Any, subject: Any, view: FrameView, explain: bool) -> Any:
         begun[view.frame].set()
