@@ -23,7 +23,7 @@ def test_bytes_of_opaque_pictures_are_looked_up_exactly() -> None:
     """As by the formula, also at the first float of each byte and the last before it."""
     following = np.unique(_byte_tables()[1])[:-1]
     before = np.nextafter(following, np.float32(0))
-    some = np.random.default_rng(3).random(20_000, np.float32)
+    some = np.random.default_rng(3).random(70_000, np.float32)
     values = np.concatenate([following, before, some, np.array([0, -0.0, 1], np.float32)])
     assert len(following) == 255 and (srgb_bytes(values) == np.rint(srgb_from_linear(values) * 255)).all()
     pixels = np.dstack([values[:300].reshape(20, 15)] * 3 + [np.ones((20, 15), np.float32)])
