@@ -61,10 +61,9 @@ def annotated(
     draw_behind(behind, view, names)
     figure = Figure(pixels, behind.marks or (), layer.marks or ())
     pixels = pixels + (1 - pixels[..., 3:]) * behind.pixels if behind.marks else pixels
-    pixels, rows = pixels.astype(np.float32), layer.pixels[..., 3].any(axis=1)
-    pixels[rows] = layer.pixels[rows] + (1 - layer.pixels[rows][..., 3:]) * pixels[rows]
+    pixels = layer.pixels + (1 - layer.pixels[..., 3:]) * pixels
     info |= {"annotated": list(names), "not_annotated": list(layer.notes)}
-    return replace(image, pixels=pixels, info=info, figure=figure)
+    return replace(image, pixels=pixels.astype(np.float32), info=info, figure=figure)
 
 
 def on_ground(image: Image, ground: Color | None) -> Image:
