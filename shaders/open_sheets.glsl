@@ -5,14 +5,17 @@ layout(std430, binding = 5) buffer Rings { vec4 rings[]; };
 #define RING(number, row) \
     rings[((RING_TILE * uint(KEPT + 1) + uint(number)) * TILE_ROWS + uint(row)) * COLUMNS + gl_LocalInvocationID.x]
 
+// one value takes no gradients: without their sums, programs are shorter
+#define RING_SUMS(number, row) (ONE_VALUE ? vec4(vec3(0.0), RING(number, row).a) : RING(number, row))
+
 void read_pixel(uint tile, int row) {
-    sum0[row] = RING(0, row);
-    sum1[row] = RING(1, row);
-    if (SHEETS > 2) sum2[row] = RING(2, row);
-    if (SHEETS > 3) sum3[row] = RING(3, row);
+    sum0[row] = RING_SUMS(0, row);
+    sum1[row] = RING_SUMS(1, row);
+    if (SHEETS > 2) sum2[row] = RING_SUMS(2, row);
+    if (SHEETS > 3) sum3[row] = RING_SUMS(3, row);
     masses[row] = RING(4, row);
-    middle[row] = RING(5, row);
-    before[row] = RING(6, row);
+    middle[row] = RING_SUMS(5, row);
+    before[row] = RING_SUMS(6, row);
     vec4 rest = RING(7, row);
     held[row].yz = rest.xy;
     spread[row].yz = rest.zw;

@@ -72,8 +72,9 @@ vec2 center_of(int row) {
     return first + vec2(0.0, float(row) * STRIDE);
 }
 
-// Sums of gradients and values as sheets hold them.
+// Sums of gradients and values as sheets hold them. One value takes no gradients.
 vec4 held_sums(int row, vec4 sums) {
+    if (ONE_VALUE) return vec4(0.0, 0.0, 0.0, sums.a);
     return ALONG ? vec4(dot(sums.rgb, toward[row]), 0.0, 0.0, sums.a) : sums;
 }
 

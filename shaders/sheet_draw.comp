@@ -43,8 +43,8 @@ float valued(Joined it, Ray ray, int row) {
     return share_at(it, ray, float(row) * STRIDE) * (STEPS == 0 ? it.splat.a : 1.0);
 }
 
-vec4 term_of(Joined it) {
-    return STEPS == 0 ? vec4(it.splat.rgb, 1.0) : it.splat;
+vec4 term_of(int row, Joined it) {
+    return STEPS == 0 ? vec4(it.splat.rgb, 1.0) : held_sums(row, it.splat);
 }
 
 // Adds four splats at once: sums are stored under a mask, which takes longer than to add them up.
@@ -52,7 +52,7 @@ void add_four(int row, Joined four[4], Ray ray, vec4 weights[4]) {
     vec4 v = vec4(valued(four[0], ray, row), valued(four[1], ray, row), valued(four[2], ray, row),
                   valued(four[3], ray, row));
     mat4 shares = mat4(weights[0] * v.x, weights[1] * v.y, weights[2] * v.z, weights[3] * v.w);
-    mat4 terms = mat4(term_of(four[0]), term_of(four[1]), term_of(four[2]), term_of(four[3]));
+    mat4 terms = mat4(term_of(row, four[0]), term_of(row, four[1]), term_of(row, four[2]), term_of(row, four[3]));
     mat4 by_sheet = transpose(shares);
     sum0[row] += terms * by_sheet[0];
     sum1[row] += terms * by_sheet[1];
@@ -63,7 +63,7 @@ void add_four(int row, Joined four[4], Ray ray, vec4 weights[4]) {
 
 // Adds a splat to a pixel's open sheets, by a weight in each.
 void add_splat(int row, Joined it, Ray ray, vec4 weights) {
-    vec4 shares = weights * valued(it, ray, row), term = held_sums(row, term_of(it));
+    vec4 shares = weights * valued(it, ray, row), term = term_of(row, it);
     sum0[row] += term * shares.x;
     sum1[row] += term * shares.y;
     if (SHEETS > 2) sum2[row] += term * shares.z;

@@ -331,7 +331,7 @@ def test_shares_of_a_splat(steps: int, twin: Twin, rng: np.random.Generator) -> 
     expression = f"{setup}; result.x = valued(it, ray, {row})"
     found = twin("sheet_draw.comp", expression, plan, splats, {"stride": 1.0}, **inputs)[:, 0]
     assert np.abs(found - valued(splat, share, steps)).max() < 5e-5
-    found = twin("sheet_draw.comp", f"{setup}; result = term_of(it)", plan, splats, **inputs)
+    found = twin("sheet_draw.comp", f"{setup}; result = term_of({row}, it)", plan, splats, **inputs)
     assert np.abs(found.T - term_of(splat, steps)).max() < 1e-6
 
 

@@ -98,6 +98,29 @@ def test_without_compute_shaders_quads_draw_the_same(
     assert tiles_drew.max() > 0.5 and np.abs(found[0] - tiles_drew).max() < 1e-5
 
 
+@pytest.mark.compute
+@pytest.mark.parametrize("blend", ["mip", "mean"])
+def test_sheets_of_one_value_hold_no_gradients(
+    processor: sg.Renderer, monkeypatch: pytest.MonkeyPatch, blend: str
+) -> None:
+    """Of open sheets that are stored between portions, only values and masses, as nothing reads the others."""
+    monkeypatch.setattr(tiles, "MOST", 100)
+    splats = every(cells())
+    held = {}
+    for name in (blend, "composite"):
+        processor.free()
+        rings = processor.passes.tiles.buffers.bind(sheet_tiles.RINGS, 30 * sheet_tiles.RING_BYTES)
+        rings.clear()
+        settings = EXACT.replace(blend=name, occlusion="off")
+        processor.render(splats, eyes(splats)["fitted"], settings, verify_bound=False)
+        assert rings.mglo is not None and rings.size == 30 * sheet_tiles.RING_BYTES
+        stored = np.frombuffer(rings.read(), np.float32).reshape(30, -1, tiles.ROWS * tiles.COLUMNS, 4)
+        # three sums of open sheets, and those of the last two
+        held[name] = stored[:, [0, 1, 2, 5, 6]]
+    assert held["composite"][..., :3].any() and held[blend][..., 3].any()
+    assert not held[blend][..., :3].any()
+
+
 @pytest.mark.few(1)
 @pytest.mark.parametrize("technique", TECHNIQUES)
 @pytest.mark.parametrize("kept", [(1.999, 2.0), (0.0, 0.001)], ids=["negative", "large"])
