@@ -101,6 +101,7 @@ def test_differ_little_from_all_samples(renderer: sg.Renderer, ball: sg.Splats) 
         assert renderer.plan(ball, camera).resolved.allowed == SPARED_SHARE * tolerance
 
 
+@pytest.mark.compute
 @pytest.mark.parametrize("blend", ["mip", *(pytest.param(each, marks=pytest.mark.long) for each in OTHERS)])
 def test_blends_of_one_value_spare_samples(renderer: sg.Renderer, blend: Blend) -> None:
     """By less than the tolerance, a fifth of what one sample a pixel is off; a quarter of the pixels take one."""
