@@ -23,7 +23,7 @@ from splatgl.planning.technique import COLUMNS, ROWS
 from splatgl.splat.splats import Splats
 
 # most splats whose lists are kept for the second pass
-MOST_HELD = 2**23
+MOST_HELD = 2**22
 # share of tiles that need all samples from which one sample a pixel is not drawn first
 MOST_NEEDED = 0.5
 # texture units of the picture and of the errors

@@ -205,7 +205,7 @@ class Resolved:
             clip=clip,
             mask=mask,
             cues=cues,
-            allowed=_allowed(splats, camera, settings, samples) if after and not antialias else 0.0,
+            allowed=_allowed(splats, camera, settings, samples) if after and settings.hides and not antialias else 0.0,
             mip_attenuation=settings.mip_attenuation,
             display=splats.display,
         )
@@ -317,7 +317,7 @@ def _allowed(splats: Splats, camera: Camera, settings: Settings, samples: int) -
     """Largest end correction of one sample with which a tile of pixels takes no more. camera: of the picture."""
     # rims of surfaces that planes cut may lie between the samples of like pixels
     has_rims = bool(settings.clip) and splats.post is not None and bool(splats.post.transfer.iso)
-    spared = settings.antialias == "auto" and samples == SPARED and not (has_rims or settings.is_sum)
+    spared = settings.antialias == "auto" and samples == SPARED and not has_rims
     return SPARED_SHARE * settings.tolerance if spared and farthest_pixel(splats, camera) <= SPARED_PIXEL else 0.0
 
 

@@ -18,11 +18,8 @@ from splatgl.planning.culling import PixelWindow
 from splatgl.planning.resolve import SPARED_SHARE
 from splatgl.planning.technique import COLUMNS
 from splatgl.reference.blend import pixel_means
-from splatgl.splat.settings import Blend
 
 ALL = sg.Settings(antialias="supersample", samples=2)
-# blends of one value beside maxima
-OTHERS: tuple[Blend, ...] = ("minip", "mean", "attenuated-mip")
 
 
 @pytest.fixture(scope="module")
@@ -99,24 +96,6 @@ def test_differ_little_from_all_samples(renderer: sg.Renderer, ball: sg.Splats) 
     if renderer.passes.adaptive.single is not None:
         assert (found == one).all(axis=2)[right[..., 3] > 0].mean() > 0.25
         assert renderer.plan(ball, camera).resolved.allowed == SPARED_SHARE * tolerance
-
-
-@pytest.mark.compute
-@pytest.mark.parametrize("blend", ["mip", *(pytest.param(each, marks=pytest.mark.long) for each in OTHERS)])
-def test_blends_of_one_value_spare_samples(renderer: sg.Renderer, blend: Blend) -> None:
-    """By less than the tolerance, a fifth of what one sample a pixel is off; a quarter of the pixels take one."""
-    samples = sg.scenes.ball(6).samples.astype(np.float32)
-    splats = sg.extract(sg.Volume(samples), sg.Transfer([(-0.3, 0), (1.3, 0.9)]), classification="post-all")
-    camera, settings = sg.Camera.orbit(splats, 30, 20, size=(96, 96)), sg.Settings(blend=blend)
-    found, right, one = (
-        renderer.render(splats, camera, each, verify_bound=False).pixels
-        for each in (settings, ALL.replace(blend=blend), ALL.replace(blend=blend, samples=1))
-    )
-    assert right[..., 3].max() > 0.1 and np.abs(found - right).max() < settings.tolerance
-    assert np.abs(one - right).max() > 5 * settings.tolerance
-    if renderer.passes.adaptive.single is not None:
-        assert (found == one).all(axis=2)[right[..., 3] > 0].mean() > 0.25
-        assert renderer.plan(splats, camera, settings).resolved.allowed == SPARED_SHARE * settings.tolerance
 
 
 def test_cancelled_pictures_leave_no_trace(
