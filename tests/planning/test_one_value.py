@@ -13,6 +13,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.gl import quads, sheet_tiles, tiles
 from splatgl.gl.target import Interrupted
+from splatgl.planning.technique import COLUMNS, ROWS
 from splatgl.reference.blend import join_values, joined_value
 from splatgl.reference.field import field_integral
 from splatgl.scene.view import ViewOptions
@@ -114,7 +115,7 @@ def test_sheets_of_one_value_hold_no_gradients(
         settings = EXACT.replace(blend=name, occlusion="off")
         processor.render(splats, eyes(splats)["fitted"], settings, verify_bound=False)
         assert rings.mglo is not None and rings.size == 30 * sheet_tiles.RING_BYTES
-        stored = np.frombuffer(rings.read(), np.float32).reshape(30, -1, tiles.ROWS * tiles.COLUMNS, 4)
+        stored = np.frombuffer(rings.read(), np.float32).reshape(30, -1, ROWS * COLUMNS, 4)
         # three sums of open sheets, and those of the last two
         held[name] = stored[:, [0, 1, 2, 5, 6]]
     assert held["composite"][..., :3].any() and held[blend][..., 3].any()
