@@ -256,10 +256,9 @@ def test_notes_of_files_are_warnings(tmp_path: Path, capsys: pytest.CaptureFixtu
     for read in (sg.load, lambda path: sg.render(path, size=16)):
         with pytest.warns(sg.InputWarning) as caught:
             read(path)
-        lines = [str(warning.message) for warning in caught]
-        assert caught[0].filename == __file__ and [line.startswith(f"{path}: ") for line in lines] == [True] * len(
-            lines
-        )
+        notes = [warning for warning in caught if warning.category is sg.InputWarning]
+        lines = [str(warning.message) for warning in notes]
+        assert notes[0].filename == __file__ and [line.startswith(f"{path}: ") for line in lines] == [True] * len(lines)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert main(["info", str(path)]) == 0
