@@ -15,7 +15,7 @@ class InputError(ValueError):
 
 
 class InputWarning(UserWarning):
-    """What a file does not say, or a reader leaves out or assumes, in one line; the command line prints it."""
+    """A note on a file, one line, such as a spacing that is assumed; commands, windows and views print it."""
 
 
 def warn(notes: Iterable[str], of: object) -> None:

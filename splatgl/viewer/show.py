@@ -58,15 +58,17 @@ def show(
     given, (look, view, base) = ungrouped(options, transfer, camera, settings)
     scene, memory = scene_of(x, look, view, base, given), DrawOptions(memory=given.get("memory")).memory
     if isinstance(scene, SceneFile):
+        # windows and views print notes on files, as they read them
+        told = warnings.catch_warnings(action="ignore", category=InputWarning)
         if in_notebook() and find_spec("jupyter_rfb"):
             from splatgl.viewer.notebook import NotebookView, Session
 
-            return NotebookView(Session(scene, memory))
+            with told:
+                return NotebookView(Session(scene, memory))
         if in_notebook():
             print('for a view that the mouse turns: pip install "splatgl[notebook]"')
         elif has_display():
-            # the window prints notes on files, as it reads them
-            with within(memory), warnings.catch_warnings(action="ignore", category=InputWarning):
+            with within(memory), told:
                 _window(scene, "size" in given or view is not None)
             return None
     image = picture(scene, memory)

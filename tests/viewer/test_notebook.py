@@ -8,6 +8,7 @@ import json
 import re
 import shutil
 import subprocess
+import warnings
 from base64 import b64decode
 from dataclasses import replace
 from pathlib import Path
@@ -340,3 +341,17 @@ def test_without_the_library_the_cell_shows_the_image(
     monkeypatch.undo()
     monkeypatch.setattr(show, "in_notebook", lambda: True)
     assert isinstance(sg.show(sg.extract(volume, sg.default_transfer(volume)), size=48), sg.Image)
+
+
+def test_notes_on_a_file_are_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The view prints them, as a window does: they are no warnings, too."""
+    pytest.importorskip("jupyter_rfb")
+    monkeypatch.setattr(show, "in_notebook", lambda: True)
+    header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 4 4\nencoding: raw\nspacings: 1 1 nan\n\n"
+    (tmp_path / "a.nrrd").write_bytes(header.encode() + bytes(range(0, 256, 4)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", sg.InputWarning)
+        sg.show(tmp_path / "a.nrrd", size=(32, 24)).close()
+    assert capsys.readouterr().err.count("spacing along z") == 1
