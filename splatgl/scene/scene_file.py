@@ -496,7 +496,7 @@ class SceneFile:
         faint, unused = [FAINTLY] * is_backdrop(self, volume), self._unused_notes(volume)
         of_looks = (*transfer_notes(self.transfer, volume), *unused, *faint)
         constant = "" if is_mesh(self.volume) else constant_note(volume)
-        notes = (*self.view.notes(volume.frame), *of_looks, *[constant] * bool(constant))
+        notes = (*self.view.notes(volume), *of_looks, *[constant] * bool(constant))
         return replace(volume, notes=(*volume.notes, *notes)) if notes else volume
 
     def _unused_notes(self, volume: Volume) -> list[str]:

@@ -30,15 +30,15 @@ ROWS_UP: Triple = (0.0, -1.0, 0.0)
 
 
 def orient_stack(volume: Volume, has_note: bool = True) -> Volume:
-    """The volume; the first plane of a microscope's stack is its top, with x to the right and y down, as in Fiji and
-    napari. A flat one is seen along z by parallel rays, and turns about y. has_note: whether a note says so.
+    """The volume; a microscope's stack is seen by parallel rays, its first plane is on top, x to the right and y down,
+    as in Fiji and napari. A flat one is seen along z, and turns about y. has_note: whether a note says so.
     """
     if is_flat_stack(volume):
         hints = replace(volume.hints, azimuth=0.0, elevation=0.0, up=ROWS_UP, orthographic=True, stack=True)
         return replace(volume, hints=hints, notes=(*volume.notes, *[NOTE] * has_note))
     if _is_oriented(volume) or not (volume.hints.stack or volume.unit in UNITS[:3]):
         return volume
-    return replace(volume, hints=replace(volume.hints, up=PLANES_UP, stack=True))
+    return replace(volume, hints=replace(volume.hints, up=PLANES_UP, orthographic=True, stack=True))
 
 
 def _is_oriented(volume: Volume) -> bool:
@@ -75,17 +75,35 @@ VIEWS = {
 # the views that need a patient's frame, and what they are without one
 OF_PATIENTS = {"anterior": "front", "posterior": "back", "left": "left", "right": "right"}
 OF_PATIENTS |= {"superior": "top", "inferior": "bottom"}
+# views across the planes of two axes
+PLANES = {"xy": "top", "xz": "front", "yz": "right"}
+# axes that views look along, as ParaView names them
+ALONG = {"front": "+y", "back": "-y", "right": "-x", "left": "+x", "top": "-z", "bottom": "+z"}
+OF_AXES = (*PLANES, *sorted(ALONG.values()))
+NAMED = (*OF_PATIENTS, *(name for name in VIEWS if name not in OF_PATIENTS), *OF_AXES)
 # millimetres of the units of a width on paper, and of an inch; dots per inch of a picture of such a width
 INCH = 25.4
 PAPER = {"mm": 1.0, "cm": 10.0, "in": INCH, "pt": INCH / 72}
 PRINT_DPI = 300.0
 
 
-def angles(view: str, frame: str | None) -> tuple[float, float]:
-    """Azimuth and elevation of a standard view of data in a frame: LPS, RAS or None."""
-    azimuth, elevation = VIEWS[OF_PATIENTS.get(view, view)]
+def angles(view: str, subject: Volume | Splats) -> tuple[float, float]:
+    """Azimuth and elevation of a standard view of a volume, whose frame is LPS, RAS or None."""
+    if view in ALONG.values():
+        view = next(name for name in ALONG if along(name, subject) == view)
+    azimuth, elevation = VIEWS[{**OF_PATIENTS, **PLANES}.get(view, view)]
     # a patient's right is at the viewer's left
-    return (-azimuth if frame and view in ("left", "right") else azimuth), elevation
+    return (-azimuth if getattr(subject, "frame", None) and view in ("left", "right") else azimuth), elevation
+
+
+def along(view: str, subject: Volume | Splats) -> str:
+    """The axis of the world that a standard view looks along, such as +y."""
+    frame, up = getattr(subject, "frame", None), getattr(getattr(subject, "hints", None), "up", None)
+    sign, axis = ALONG[view]
+    # the front of a patient is -y in LPS and +y in RAS; the first plane of a microscope's stack is its top
+    is_stack = up in (PLANES_UP, ROWS_UP)
+    is_turned = {"x": frame == "LPS", "y": frame == "RAS" or is_stack, "z": is_stack}[axis]
+    return f"{'+' if (sign == '-') == is_turned else '-'}{axis}"
 
 
 def read_paper_width(text: str) -> float:
@@ -120,8 +138,9 @@ class ViewOptions:
     )
     view: str | None = _option(
         None,
-        replace(ValueKind.choice((*OF_PATIENTS, *(name for name in VIEWS if name not in OF_PATIENTS))), metavar=""),
-        "a standard view: left, superior, front, isometric, …. Instead of azimuth and elevation; left is the patient's",
+        replace(ValueKind.choice(NAMED), metavar=""),
+        "a standard view: left, superior, front, isometric, xy, +x, …. Instead of azimuth and elevation; left is the "
+        "patient's; +x looks along x",
         level="basic",
         metavar="NAME",
     )
@@ -144,7 +163,7 @@ class ViewOptions:
     )
     up: Triple | None = _option(None, ValueKind.numbers(3, "X,Y,Z"), "up direction of the picture (default 0,0,1)")
     orthographic: bool | None = _option(
-        None, ValueKind.flag(), "parallel rays. Flat stacks of microscopes have them unless --fov is given", bare=True
+        None, ValueKind.flag(), "parallel rays. Stacks of microscopes have them unless --fov is given", bare=True
     )
     height: float | None = _option(
         None, ValueKind.number(metavar="L"), "height of an orthographic picture, world units"
@@ -173,6 +192,8 @@ class ViewOptions:
         beside = [name for name in ("azimuth", "elevation", "eye") if getattr(self, name) is not None]
         if self.view is not None and beside:
             raise expected("view", "a standard view or angles", f"{self.view} and {' and '.join(beside)}")
+        if self.up is not None and self.view in OF_AXES:
+            raise expected("up", "no other direction for a view across or along axes", f"{self.view} and an up")
         if self.width is not None:
             dpi = self.dpi or PRINT_DPI
             pixels = max(round(read_paper_width(self.width) / INCH * dpi), 1)
@@ -193,11 +214,11 @@ class ViewOptions:
         """Dots per inch, for the provenance of a picture; none unless they are stated."""
         return {} if self.dpi is None else {"dpi": self.dpi}
 
-    def notes(self, frame: str | None) -> tuple[str, ...]:
+    def notes(self, volume: Volume) -> tuple[str, ...]:
         """A note on a view that needs a patient's frame, of data without one."""
-        if frame is not None or self.view is None or self.view not in OF_PATIENTS:
+        if volume.frame is not None or self.view is None or self.view not in OF_PATIENTS:
             return ()
-        azimuth, elevation = angles(self.view, frame)
+        azimuth, elevation = angles(self.view, volume)
         where = f"azimuth {azimuth:g}°, elevation {elevation:g}°"
         return (
             f"the file does not state anatomy: {self.view} is {where}, which may differ from the patient's directions",
@@ -214,7 +235,7 @@ class ViewOptions:
         if self.eye is not None or (hints.eye is not None and not orbits):
             return None
         if self.view is not None:
-            return angles(self.view, getattr(volume, "frame", None))
+            return angles(self.view, volume)
         azimuth, elevation = _default_orbit(volume)
         return _first(self.azimuth, hints.azimuth, azimuth), _first(self.elevation, hints.elevation, elevation)
 

@@ -20,7 +20,7 @@ from splatgl.gl.screen import GROUNDS
 from splatgl.planning.scene import channel_opacity, plan_scene
 from splatgl.scene.meshes import is_mesh
 from splatgl.scene.open_scene import on_background
-from splatgl.scene.view import PLANES_UP, ROWS_UP, angles
+from splatgl.scene.view import ALONG, along, angles
 from splatgl.splat.settings import Settings, choices
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts, start_lasso
@@ -137,29 +137,21 @@ TURN, ROLL, SLICE_TURN = 10.0, 10.0, 5.0
 # names by 3D Slicer for data with anatomy, and by ParaView, which names the direction of the view, for others
 ANATOMY = {"front": "Anterior", "back": "Posterior", "right": "Right", "left": "Left"}
 ANATOMY |= {"top": "Superior", "bottom": "Inferior"}
-ALONG = {"front": "+Y", "back": "-Y", "right": "-X", "left": "+X", "top": "-Z", "bottom": "+Z"}
 
 
 def name_of(view: str, volume: Volume) -> str:
     """The name of a standard view of a volume."""
     if view == "isometric":
         return "isometric"
-    return f"{ANATOMY[view]} view" if volume.frame else f"view along {along(view, volume)}"
-
-
-def along(view: str, volume: Volume) -> str:
-    """The axis that a standard view looks along; the first plane of a microscope's stack is its top."""
-    sign, axis = ALONG[view][0], ALONG[view][1]
-    is_turned = volume.hints.up in (PLANES_UP, ROWS_UP) and axis != "X"
-    return f"{'+' if (sign == '-') == is_turned else '-'}{axis}"
+    return f"{ANATOMY[view]} view" if volume.frame else f"view along {along(view, volume).upper()}"
 
 
 def _view(name: str) -> Run:
     def show(state: State, document: Document) -> State:
-        frame, pose, hints = document.volume.frame, state.pose, document.volume.hints
+        pose, hints = state.pose, document.volume.hints
         view = replace(document.scene.view.changed(view=name), size=pose.camera.size, width=None, zoom=None)
         subject, is_parallel = view.framed(document.volume, document.subject), not pose.camera.perspective
-        camera = view.orbit_camera(subject, angles(name, frame), hints, pose.fov, is_parallel)
+        camera = view.orbit_camera(subject, angles(name, document.volume), hints, pose.fov, is_parallel)
         turned = replace(pose, camera=camera, pivot=document.middle)
         pose = turned if pose.camera.perspective else turned.switched()
         return replace(state, pose=pose, turning=False, message=name_of(name, document.volume))
@@ -498,7 +490,7 @@ BEYOND = ", in composite, beyond z_k"
 def _view_command(view: str, key: str) -> Command:
     name = "" if ANATOMY[view].lower() == view else f", {ANATOMY[view]}"
     row = BACKS if "ctrl" in key else FRONTS
-    return Command(view, f"view from the {view}{name}, along {ALONG[view]}", (key,), _view(view), row)
+    return Command(view, f"view from the {view}{name}, along {ALONG[view].upper()}", (key,), _view(view), row)
 
 
 # the window's menus, and the groups of its help

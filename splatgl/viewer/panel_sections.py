@@ -20,6 +20,7 @@ from splatgl.data.color import linear_from_srgb, srgb_from_linear, srgb_of_name
 from splatgl.data.volume import Volume
 from splatgl.geometry.clipping import Plane
 from splatgl.gl.screen import GROUNDS
+from splatgl.scene.view import along
 from splatgl.viewer.clip_tool import set_cuts
 from splatgl.viewer.commands import (
     ANATOMY,
@@ -30,7 +31,6 @@ from splatgl.viewer.commands import (
     OpenOption,
     WindowRequest,
     add_plane,
-    along,
     name_of,
     toggle_name,
 )
@@ -275,7 +275,7 @@ def draw_view(state: State, document: Document, widgets: CommandWidgets) -> Stat
     volume, frame = document.volume, document.volume.frame
     order = ("front", "back", "left", "right", "top", "bottom")
     for view, wide in _flow(order, 3 if frame else 6):
-        label = f"{ANATOMY[view] if frame else along(view, volume)}##view"
+        label = f"{ANATOMY[view] if frame else along(view, volume).upper()}##view"
         tip = f"{name_of(view, volume)}, as {'3D Slicer' if frame else 'ParaView'} names it"
         state = widgets.button(view, label, state, document, tip, wide)
     ticked = {"orthographic": not state.pose.camera.perspective}

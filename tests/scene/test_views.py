@@ -63,6 +63,24 @@ def test_a_patients_view_of_others_is_noted(frame: str | None, noted: set[str]) 
     assert {view for view, notes in told.items() if any("does not state anatomy" in note for note in notes)} == noted
 
 
+@pytest.mark.parametrize("frame", [None, "LPS", "RAS", "stack"])
+def test_views_along_axes(frame: str | None) -> None:
+    """As ParaView names them; across xy a stack has x to the right and y down, other data y up."""
+    volume = sg.Volume(CUBE, frame=None if frame == "stack" else frame, unit="um" if frame == "stack" else "mm")
+    volume = orient_stack(volume)
+    for name in ("+x", "-x", "+y", "-y", "+z", "-z"):
+        forward = ViewOptions(view=name).camera(volume, volume).forward
+        assert forward["xyz".index(name[1])] == pytest.approx(float(f"{name[0]}1")), name
+    for plane, axis in (("xy", 2), ("xz", 1), ("yz", 0)):
+        camera = ViewOptions(view=plane).camera(volume, volume)
+        assert abs(camera.forward[axis]) == pytest.approx(1.0)
+    right, down, forward = ViewOptions(view="xy").camera(volume, volume).eye_from_world
+    turn = -1 if frame == "RAS" else 1
+    assert np.allclose([right, down], [(turn, 0, 0), (0, 1 if frame == "stack" else -turn, 0)], atol=1e-9)
+    with pytest.raises(InputError, match="up: expected no other direction for a view across or along axes"):
+        ViewOptions(view="xy", up=(1.0, 0.0, 0.0))
+
+
 def test_a_view_replaces_angles_and_they_a_view(tmp_path: Path) -> None:
     np.save(tmp_path / "v.npy", CUBE)
     (tmp_path / "a.toml").write_text('volume = "v.npy"\n[camera]\nazimuth = 70\nelevation = 3\n')

@@ -66,7 +66,7 @@ def test_every_door_has_one_default_view(kind: str, fit: str, tmp_path: Path, mo
         if isinstance(movie.track, TurntableTrack):
             assert np.allclose(movie.track.turn.center, document.middle) and np.allclose(pose.pivot, document.middle)
     # a standard view is that of a picture
-    azimuth, elevation = angles("isometric", None)
+    azimuth, elevation = angles("isometric", document.volume)
     turned = replace(file, view=replace(file.view, azimuth=azimuth, elevation=elevation))
     shown = acted(State.of(document, camera.size), "isometric", document).pose.camera
     if camera.perspective and kind != "scissors":

@@ -233,7 +233,7 @@ def test_annotations_are_saved(renderer: sg.Renderer, document: Document, tmp_pa
 )
 def test_standard_views_are_those_of_the_patient(frame: str | None, view: str, eye: tuple[int, ...]) -> None:
     volume = sg.Volume(np.ones((4, 4, 4), np.float32), frame=frame)
-    camera = sg.Camera.orbit(volume, *angles(view, frame))
+    camera = sg.Camera.orbit(volume, *angles(view, volume))
     assert np.allclose(-camera.forward, eye, atol=1e-9)
     # ParaView names the direction of the view
     if frame is None:
