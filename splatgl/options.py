@@ -377,17 +377,18 @@ MEANINGS = {
     "clip": "cut clip-plane clipping clipping-plane clip-planes cutplane cut-plane cutaway clip-box section",
     "points": "opacity alpha opacities scalar-opacity opacity-function opacity-transfer-function otf",
     "colormap": "cmap lut palette color-map colour-map lookup-table color-function color-transfer-function ctf",
-    "window": "clim clims contrast-limits display-range scalar-range color-range data-range limits min-max contrast",
+    "window": "clim clims contrast-limits display-range scalar-range color-range data-range limits min-max contrast brightness gamma",
     "level-width": "window-level level-window wl ww windowing window-width window-center window-center-width",
     "gradient": "gradient-opacity gradient-opacity-function",
     "log": "log-scale logscale logarithmic log-norm use-log-scale",
     "unit": "opacity-unit-distance scalar-opacity-unit-distance unit-distance opacity-unit",
     "color-of": "channel-color channel-colors channel-colour",
     "window-of": "channel-window channel-clim channel-contrast",
+    "background transparent": "transparent transparency alpha-background",
     "background": "bg bgcolor bg-color background-color background-colour backdrop",
     "dpi": "ppi dots-per-inch print-resolution",
     "size": "resolution window-size windowsize image-size geometry canvas-size screen-size res",
-    "view": "viewpoint standard-view camera-view view-direction camera-direction show open display gui",
+    "view": "viewpoint standard-view camera camera-view view-direction camera-direction show open display gui",
     "azimuth": "rotate rotation rotate-z yaw azim camera-azimuth-angle azimuth-angle heading rz",
     "elevation": "pitch tilt elev camera-elevation-angle elevation-angle rx",
     "eye": "camera-position cpos position camera-eye camera-location",
@@ -420,6 +421,7 @@ MEANINGS = {
     "ambient-occlusion": "ao ssao",
     "shadows": "shadow shadow-mapping",
     "antialias": "aa anti-aliasing antialiasing anti-alias fxaa",
+    "tolerance": "quality accuracy precision sampling sample-distance",
     "samples": "msaa ssaa multisampling multi-samples supersampling aa-samples",
     "preset": "volume-property transfer-preset look",
     "output": "out save save-as screenshot snapshot export output-file filename",
@@ -448,7 +450,7 @@ MOST_BEGUN = 3
 def nearest(word: str, known: Iterable[str]) -> str:
     """`did you mean …?` by meaning, else by spelling; "" if no known word is near."""
     names = {name.strip("-").replace("_", "-"): name for name in known}
-    plain = word.strip("-").replace("_", "-").lower()
+    plain = word.partition("=")[0].strip("-").replace("_", "-").lower()
     meant = [suggestion for suggestion, words in MEANINGS.items() if plain in words.split()]
     for name, _, value in (suggestion.partition(" ") for suggestion in meant):
         if name in names:

@@ -67,7 +67,7 @@ CHUNK_BYTES = 2**20
 # loggers of libraries that print by themselves or through Python's last resort; tifffile's is listened to
 LOGGERS = (
     *("nibabel.global", "numcodecs", "PIL.ImageFile", "PIL.PngImagePlugin", "PIL.TiffImagePlugin"),
-    *("liffile", "pydicom", "pylibjpeg", "zarr"),
+    *("cmap", "liffile", "pydicom", "pylibjpeg", "zarr"),
 )
 
 Shape = tuple[int, int, int]

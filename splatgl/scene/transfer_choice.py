@@ -136,9 +136,18 @@ def _pairs_kind(
     return ValueKind(this, check, read, metavar, hint=hint)
 
 
+# level and width of radiologists' windows, Hounsfield units
+CT_WINDOWS = {
+    **{"abdomen": (50.0, 400.0), "bone": (400.0, 1800.0), "brain": (40.0, 80.0), "liver": (30.0, 150.0)},
+    **{"lung": (-600.0, 1500.0), "mediastinum": (50.0, 350.0), "stroke": (40.0, 40.0)},
+}
+
+
 def _level_width(value: Any) -> tuple[float, float]:
-    level, width = ValueKind.numbers(2, "").check(value)
-    if not width > 0:
+    pair = ValueKind.numbers(2, "")
+    named = CT_WINDOWS.get(value.lower()) if isinstance(value, str) else None
+    level, width = named or (pair.read(value) if isinstance(value, str) else pair.check(value))
+    if not (np.isfinite(level) and 0 < width < np.inf):
         raise ValueError
     return level, width
 
@@ -168,8 +177,15 @@ class TransferChoice:
     )
     level_width: tuple[float, float] | None = _option(
         None,
-        replace(ValueKind.numbers(2, "LEVEL,WIDTH", "a level and a width above 0, as two numbers"), check=_level_width),
-        "middle and width of the values that the colours span, as radiologists write --window",
+        ValueKind(
+            f"a level and a width above 0, as two numbers, or {', '.join(CT_WINDOWS)}",
+            _level_width,
+            _level_width,
+            "LEVEL,WIDTH|NAME",
+            hint="Numbers | str",
+        ),
+        "middle and width of the values that the colours span, as radiologists write --window; of a CT also bone, "
+        "brain, lung, abdomen, …",
     )
     file: str = _option(
         "",

@@ -15,6 +15,7 @@ from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Label, Volume, fraction_error
 from splatgl.errors import expected, missing_extra
+from splatgl.readers.common import silence_libraries
 
 ENTRIES = 256
 
@@ -54,6 +55,12 @@ CORE = tuple(sorted((*EVEN, *UNEVEN)))
 PART = re.compile(r"(.+)\[(\d*\.?\d*):(\d*\.?\d*)\]")
 # a control colour in a caller's comma-separated list
 NODE = re.compile(r"([0-9.eE+-]+):(#[0-9a-fA-F]{6})")
+# names by ParaView, in lower case, of maps that have others here and in the libraries
+PARAVIEW = {
+    **{"cool to warm": "cool-warm", "warm to cool": "coolwarm_r", "grayscale": "gray", "x ray": "gray_r"},
+    **{"black-body radiation": "hot", "viridis (matplotlib)": "viridis", "inferno (matplotlib)": "inferno"},
+    **{"plasma (matplotlib)": "plasma", "magma (matplotlib)": "magma"},
+}
 # libraries with more names, in lookup order
 LIBRARIES = ("cmap", "matplotlib")
 
@@ -160,6 +167,9 @@ def control_colors(name: str) -> tuple[np.ndarray, list[str]]:
 
 
 def _from_library(name: str) -> np.ndarray:
+    name = PARAVIEW.get(name.lower(), name)
+    if name in CORE:
+        return _srgb(name)
     installed = [library for library in LIBRARIES if find_spec(library)]
     known = f"{', '.join(CORE)}, #rrggbb"
     if not installed:
@@ -175,7 +185,9 @@ def _from_cmap(name: str) -> np.ndarray | None:
     import cmap
 
     try:
-        return np.asarray(cmap.Colormap(name)(np.linspace(0.0, 1.0, ENTRIES)), dtype=np.float64)[:, :3]
+        # the library warns where several packages have a name, of which it takes the first
+        with silence_libraries():
+            return np.asarray(cmap.Colormap(name)(np.linspace(0.0, 1.0, ENTRIES)), dtype=np.float64)[:, :3]
     except (ValueError, TypeError):
         return None
 

@@ -214,6 +214,10 @@ MEDICAL = (
         *((-950.0, 0.0), (-800.0, 0.02), (-600.0, 0.12), (-300.0, 0.3), (-100.0, 0.1), (0.0, 0.0)),
     ),
     _ct(
+        *("ct-skin", "skin alone, its surface hard", "flesh", (-700.0, 100.0)),
+        *((-400.0, 0.0), (-200.0, 0.95), (1500.0, SOLID)),
+    ),
+    _ct(
         *("ct-muscle", "muscle and organs, without fat and bone", "muscle", (-60.0, 180.0)),
         *((-10.0, 0.0), (40.0, 0.5), (110.0, 0.6), (180.0, 0.05), (250.0, 0.0)),
     ),
@@ -275,7 +279,11 @@ PRESETS = {
     )
 }
 # other names, in lower case
-ALIASES = {"ct-soft-tissue": "ct-soft", "mr-mip": "mip", "ct-mip": "mip"}
+ALIASES = {
+    **{"ct-soft-tissue": "ct-soft", "mr-mip": "mip", "ct-mip": "mip"},
+    **{"bone": "ct-bone", "fat": "ct-fat", "lung": "ct-lung", "muscle": "ct-muscle", "skin": "ct-skin"},
+    "vessels": "ct-aaa",
+}
 # maximum number of similar names in the message for an unknown one
 NEAR = 4
 

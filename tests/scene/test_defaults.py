@@ -73,6 +73,9 @@ def test_maxima_have_a_ramp_over_the_window() -> None:
 def test_level_and_width_are_a_window() -> None:
     volume = ct()
     assert transfer_of(volume, level_width=[40, 400]) == transfer_of(volume, window=[-160, 240])
+    assert transfer_of(volume, level_width="Brain") == transfer_of(volume, level_width="40,80")
+    with pytest.raises(InputError, match=r"level_width: .* or abdomen, bone, brain, .*, got 'heart'"):
+        transfer_of(volume, level_width="heart")
     scene = SceneFile("v", held=volume, transfer={"window": (0, 9)}).with_options(level_width=(50, 100))
     assert scene.transfer == {"level_width": (50, 100)}
     assert scene.with_options(window=(1, 2)).transfer == {"window": (1, 2)}

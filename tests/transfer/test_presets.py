@@ -304,6 +304,7 @@ SHOWS = {
     "ct-cardiac": (300.0, -100.0),
     "ct-chest-contrast": (300.0, -500.0),
     "ct-coronary-arteries": (400.0, 100.0),
+    "ct-skin": (40.0, -500.0),
     "ct-lung": (-300.0, 200.0),
     "ct-muscle": (60.0, -100.0),
     "ct-fat": (-90.0, 50.0),
@@ -355,6 +356,11 @@ def test_presets_differ() -> None:
 def test_near_names_are_told(name: str, near: str) -> None:
     with pytest.raises(InputError, match=f"expected one of {near}.*splatgl presets"):
         preset_named(name)
+
+
+@pytest.mark.parametrize("name", ["skin", "Muscle", "bone", "lung", "fat"])
+def test_presets_of_a_ct_by_their_tissue(name: str) -> None:
+    assert preset_named(name) is preset_named(f"ct-{name}") and preset_named("vessels").name == "ct-aaa"
 
 
 @pytest.mark.parametrize("name", ["xyz", "", 3])

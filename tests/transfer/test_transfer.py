@@ -82,6 +82,15 @@ def test_color_spans_the_window() -> None:
     assert np.array_equal(from_points.color([10, 13, 20]), transfer.color([10, 13, 20]))
 
 
+def test_colormaps_have_paraviews_names(caplog: pytest.LogCaptureFixture) -> None:
+    """Those of the core without a library; the library is silent on names that several packages have."""
+    assert np.array_equal(colormap("Cool to Warm"), colormap("cool-warm"))
+    assert np.array_equal(colormap("Grayscale"), colormap("gray"))
+    pytest.importorskip("cmap")
+    assert np.array_equal(colormap("X Ray"), colormap("gray_r")) and colormap("coolwarm").shape == (256, 3)
+    assert not caplog.records
+
+
 def test_color_of_a_step_without_a_window() -> None:
     transfer = Transfer(((5, 0), (5, 1)))
     assert transfer.color([4, 5, 6])[:, 0].tolist() == [0.0, 1.0, 1.0]
