@@ -377,7 +377,8 @@ MEANINGS = {
     "clip": "cut clip-plane clipping clipping-plane clip-planes cutplane cut-plane cutaway clip-box section",
     "points": "opacity alpha opacities scalar-opacity opacity-function opacity-transfer-function otf",
     "colormap": "cmap lut palette color-map colour-map lookup-table color-function color-transfer-function ctf",
-    "window": "clim clims contrast-limits display-range scalar-range color-range data-range limits min-max contrast brightness gamma",
+    "window": "clim clims contrast-limits display-range scalar-range color-range data-range limits min-max contrast "
+    "gamma brightness",
     "level-width": "window-level level-window wl ww windowing window-width window-center window-center-width",
     "gradient": "gradient-opacity gradient-opacity-function",
     "log": "log-scale logscale logarithmic log-norm use-log-scale",

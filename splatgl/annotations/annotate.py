@@ -37,7 +37,8 @@ def annotated(
     ground: Color | None = None,
     steady: bool = False,
 ) -> Image:
-    """The image under annotations: "scale", "colorbar", "axes", "directions", "box", "title=TEXT", "time=TEXT".
+    """The image under annotations: "scale", "colorbar", "axes", "directions", "box", "title=TEXT", "time=TEXT";
+    "scale=20um:bottom-left:4px:white" states the bar's length, corner, thickness and colour.
 
     ground: linear RGB behind a transparent image, for the colour of text. Letters are 8 points high where the image
     states its dots per inch. steady: places do not depend on the image, as in movies. An X-ray is scaled to its
@@ -118,7 +119,7 @@ def parse_annotations(text: str) -> tuple[str, ...]:
 def check(annotate: Sequence[str]) -> tuple[str, ...]:
     """The annotations. Raises InputError for an unknown one, a repeated one, and a title without text."""
     rows = sorted(ANNOTATIONS.values(), key=lambda row: bool(row.example))
-    known = ", ".join(f"'{row.name}=TEXT'" if row.example else row.name for row in rows)
+    known = ", ".join(f"'{row.name}={row.example}'" if row.example else row.name for row in rows)
     if isinstance(annotate, str) or not all(isinstance(text, str) for text in annotate):
         raise expected("annotate", f"a list of names: {known}", repr(annotate)[:80])
     names = []
@@ -129,6 +130,8 @@ def check(annotate: Sequence[str]) -> tuple[str, ...]:
             raise expected("annotate", known, repr(request)[:80])
         if not text.strip() and (row.needs_text or equals):
             raise expected("annotate", f"a text after '{name}='", "none", f"such as '{name}={row.example}'")
+        if row.check is not None:
+            row.check(text.strip())
         names.append(name)
     repeated = [name for name in names if names.count(name) > 1]
     if repeated:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from splatgl.annotations.canvas import AnnotatedSubject, Annotation, AnnotationView, Canvas, ColorScale, Rect
 from splatgl.data.affine import METRES, metres_in, unit_name
-from splatgl.data.color import Color
+from splatgl.data.color import Color, read_background
+from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.transfer.colormaps import colormap
 from splatgl.transfer.transfer import Transfer
@@ -32,14 +34,62 @@ class BarScale(NamedTuple):
     label: str
 
 
-def scale_of(subject: AnnotatedSubject, camera: Camera) -> BarScale | None:
+class ScaleBar(NamedTuple):
+    """What is stated of a scale bar. length: with a unit, or of the world without; None: a round one. corner: one of
+    CORNERS. thickness: pixels. color: linear RGB.
+    """
+
+    length: float | None = None
+    unit: str = ""
+    corner: str = ""
+    thickness: int | None = None
+    color: Color | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> ScaleBar:
+        """The bar of LENGTH:CORNER:THICKNESS:COLOUR, in any order, such as 20um:bottom-left:4px:white. Raises
+        InputError for other text.
+        """
+        found: dict[str, Any] = {}
+        for part in filter(None, text.split(":")):
+            length = re.fullmatch(r"(\d+\.?\d*|\.\d+) *(\D*)", part)
+            if part in CORNERS:
+                new: dict[str, Any] = {"corner": part}
+            elif length and length[2] == "px" and float(length[1]) >= 1:
+                new = {"thickness": round(float(length[1]))}
+            elif length and length[2] != "px" and 0 < float(length[1]) < np.inf:
+                new = {"length": float(length[1]), "unit": length[2]}
+            else:
+                try:
+                    new = {"color": read_background(part)}
+                except ValueError:
+                    new = {}
+            is_wrong = isinstance(new.get("color"), str) or (new.get("unit") and metres_in(new["unit"]) is None)
+            if not new or is_wrong or found.keys() & new.keys():
+                raise expected("annotate", f"scale={ABOUT_PARTS}", repr(f"scale={text}"))
+            found |= new
+        return cls(**found)
+
+    def length_in(self, unit: str) -> float | None:
+        """The stated length in a unit; None where none is stated, or the unit is no length."""
+        ours, theirs = metres_in(self.unit), metres_in(unit)
+        if self.length is None or not self.unit:
+            return self.length
+        return None if ours is None or theirs is None else self.length * ours / theirs
+
+
+CORNERS = ("bottom-right", "bottom-left", "top-right", "top-left", "bottom")
+ABOUT_PARTS = "LENGTH:CORNER:THICKNESS:COLOUR, such as 20um:bottom-left:4px:white; corners: " + ", ".join(CORNERS)
+
+
+def scale_of(subject: AnnotatedSubject, camera: Camera, stated: ScaleBar | None = None) -> BarScale | None:
     """Scale bar of a view; None if the volume's centre is behind a perspective eye, or across axes of several units."""
     depth = float(camera.eye_from_points(subject.center)[2])
     lengths = subject.lengths(camera.eye_from_world[0])
     if (camera.perspective and not depth > 0) or lengths is None:
         return None
     pitch = float(camera.pixel_pitch(depth)) * lengths[0]
-    length = nice_below(WIDEST * camera.size[0] * pitch)
+    length = (stated and stated.length_in(lengths[1])) or nice_below(WIDEST * camera.size[0] * pitch)
     return BarScale(length / pitch, length_text(length, lengths[1]))
 
 
@@ -67,20 +117,30 @@ def in_digits(length: float, unit: str) -> tuple[float, str]:
 
 
 def draw_scale_bar(layer: Canvas, view: AnnotationView) -> None:
-    """Draws the scale bar at the lower right, or further left where the image is empty."""
-    scale = scale_of(view.subject, view.camera)
+    """Draws the scale bar at the lower right, or further left where the image is empty, or in the stated corner."""
+    stated = ScaleBar.parse(view.text)
+    scale = scale_of(view.subject, view.camera, stated)
     if scale is None:
         behind = view.subject.lengths(view.camera.eye_from_world[0]) is not None
         why = "the centre of the volume is behind the eye" if behind else "across the picture axes have several units"
         layer.notes.append(f"no scale bar: {why}")
         return
+    length = stated.length_in((view.subject.lengths(view.camera.eye_from_world[0]) or (0, ""))[1])
+    if stated.length is not None and length is None:
+        layer.notes.append(
+            f"no scale bar of {stated.length:g} {stated.unit}: the data does not state its unit of length"
+        )
+        return
     labels = [PERSPECTIVE, scale.label] if view.camera.perspective else [scale.label]
     sizes = [layer.text_size(label) for label in labels]
-    thick, (width, height) = max(2, round(layer.em / 5)), layer.size
+    thick, (width, height) = stated.thickness or max(2, round(layer.em / 5)), layer.size
     wide = max(scale.pixels + 2 * layer.edge, *(size[0] for size in sizes))
     tall = sum(size[1] for size in sizes) + thick + 2 * layer.edge
     wide, bottom = int(np.ceil(wide)) + 1, height - layer.pad
     ends = [width - layer.pad, (width + wide) // 2, layer.pad + wide]
+    if stated.corner:
+        ends = [ends[("right", "bottom", "left").index(stated.corner.rpartition("-")[2])]]
+        bottom = layer.pad + tall if stated.corner.startswith("top") else bottom
     rect = layer.reserve([Rect(end - wide, bottom - tall, end, bottom) for end in ends], "scale bar")
     if rect is None:
         return
@@ -89,9 +149,9 @@ def draw_scale_bar(layer: Canvas, view: AnnotationView) -> None:
     for label, size in zip(reversed(labels), reversed(sizes), strict=True):
         # the label is centred over the bar, or ends with it if it is wider
         center = end - scale.pixels / 2 - size[0] / 2
-        layer.text(label, min(round(center), right - size[0]), top)
+        layer.text(label, min(round(center), right - size[0]), top, stated.color)
         top += size[1]
-    layer.bar(end - scale.pixels, end, top + layer.edge, top + layer.edge + thick)
+    layer.bar(end - scale.pixels, end, top + layer.edge, top + layer.edge + thick, stated.color)
 
 
 ABOUT_SCALE = "A length at the depth of the volume's middle, at the lower right."
@@ -237,7 +297,9 @@ def bar_of(view: AnnotationView, rows: int) -> ColorBar | None:
 
 ABOUT_COLORS = "The colours and opacities of values."
 ROWS = (
-    Annotation("scale", "scale bar", ABOUT_SCALE, draw_scale_bar, 3, "j", default=True),
+    Annotation(
+        *("scale", "scale bar", ABOUT_SCALE, draw_scale_bar, 3, "j"), default=True, example="20um", check=ScaleBar.parse
+    ),
     Annotation("colorbar", "colour bar", ABOUT_COLORS, draw_color_bar, 2, "shift+j", needs_values=True),
 )
 

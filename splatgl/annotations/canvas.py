@@ -209,10 +209,10 @@ class Canvas:
         cover = np.asarray(mask, np.float32).reshape(high[1] - low[1], FINE, high[0] - low[0], FINE).mean(axis=(1, 3))
         self._blend(cover / 255, color, (int(low[0]), int(low[1])))
 
-    def bar(self, left: float, right: float, top: int, bottom: int) -> None:
+    def bar(self, left: float, right: float, top: int, bottom: int, color: Color | None = None) -> None:
         """Draws a horizontal bar with a halo, its ends exact to fractions of a pixel."""
         edge = self.edge
-        for grow, paint, share in ((edge, self.halo, HALO_ALPHA), (0, self.ink, 1.0)):
+        for grow, paint, share in ((edge, self.halo, HALO_ALPHA), (0, color or self.ink, 1.0)):
             start = int(np.floor(left - grow))
             cell = np.arange(start, int(np.ceil(right + grow)))
             cover = np.clip(np.minimum(cell + 1, right + grow) - np.maximum(cell, left - grow), 0, 1)
@@ -496,7 +496,8 @@ class Annotation:
     rank: annotations of lower rank take their places first. key: toggles it in the window. default: whether the window
     shows it at first. needs_frame: whether it needs patient directions; needs_values: whether it needs values without
     colours. example: of its text, "" if it takes none. lines: functions that draw lines below all annotations, and
-    behind the image. room: size of the box that a view is fitted to, over the size of the volume.
+    behind the image. room: size of the box that a view is fitted to, over the size of the volume. check: raises
+    InputError for a text that it does not take.
     """
 
     name: str
@@ -512,3 +513,4 @@ class Annotation:
     needs_text: bool = False
     lines: tuple[Draw, Draw] | None = None
     room: float = 1.0
+    check: Callable[[str], object] | None = None

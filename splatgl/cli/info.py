@@ -36,10 +36,15 @@ def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
 
 def _info(parser: Parser, args: argparse.Namespace) -> int:
     from splatgl.cli.options import scene_from
+    from splatgl.cli.volume_info import describe_picture, drawn_picture
     from splatgl.readers import list_volumes
     from splatgl.scene.open_scene import print_notes
 
     scene = scene_from(args)
+    picture = drawn_picture(scene.volume)
+    if picture is not None:
+        print(json.dumps({"source": args.source, **picture.info}) if args.json else describe_picture(picture))
+        return 0
     listed_ = [] if "array" in scene.load else list_volumes(scene.volume)
     if len(listed_) > 1 and not args.json:
         print("\n".join([*listed_, ""]))

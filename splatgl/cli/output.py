@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from splatgl.cli.options import name_of
 from splatgl.data.color import srgb_from_linear
-from splatgl.data.image import JPEG, MAPS, SAVED, Image, aliasing_note, require_library
+from splatgl.data.image import JPEG, MAPS, SAVED, Image, require_library
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
@@ -86,7 +86,8 @@ def summary(output: Path, image: Image, scene: OpenScene) -> str:
             f"{output}: {width}×{height} pixels, {info['blend']} of {_drawn(image)}{_behind(image, output)}",
             f"transfer function: {_transfer(scene.file, scene.volume, scene.transfer)}",
             f"view: {_view(scene.file, scene.volume, image)}",
-            f"drawn in {info['seconds']:.2f} s by {by}; {_error(image)}{_cues(image)}",
+            f"time: {info['seconds']:.2f} s by {by}{_cues(image)}",
+            f"accuracy: {replace(image, drawn=None).accuracy.summary}",
             *[f"edges next to {wide:,} missing samples may be a voxel too wide, as they are not masked"] * bool(wide),
         ]
     )
@@ -222,14 +223,3 @@ def _view(scene: SceneFile, volume: Volume, image: Image) -> str:
         return text + ", parallel rays"
     fov = next(fov for fov in (view.fov, volume.hints.fov, FOV) if fov is not None)
     return f"{text}, fov {fov:g}°"
-
-
-def _error(image: Image) -> str:
-    """Text on the error bound, or on the compared pixels."""
-    if "checked" in image.info:
-        return "; ".join(image.accuracy.comparisons) + aliasing_note(image.info)
-    error = image.info["error_bound"]
-    if not isinstance(error, float):
-        return "its error is not known"
-    met = "within" if image.info["tolerance_met"] else "above"
-    return f"error at most {error:.2g}, {met} the tolerance {image.info['tolerance']:.3g}{aliasing_note(image.info)}"

@@ -11,6 +11,7 @@ from textwrap import wrap
 import numpy as np
 
 from splatgl.cli.parser import one_line
+from splatgl.data.image import EXR, JPEG, TIFF, Image, load_tiff
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, MissingOption
 from splatgl.fileio import budget, format_bytes
@@ -112,6 +113,35 @@ def _measured_level(volume: Volume) -> tuple[list[Volume], int]:
     """All levels, and the number of the finest of at most MOST voxels."""
     levels = [volume, *volume.coarser]
     return levels, next((n for n, level in enumerate(levels) if level.count <= MOST), len(levels) - 1)
+
+
+def drawn_picture(source: str) -> Image | None:
+    """A picture of splatgl with its provenance; None for other files."""
+    path, suffix = Path(source), Path(source).suffix.lower()
+    if suffix not in (".png", *JPEG, *TIFF, *EXR) or not path.is_file():
+        return None
+    try:
+        # other files of TIFF may be large stacks
+        found = load_tiff(path) if suffix in TIFF else None
+        picture = Image.load(path) if suffix not in TIFF else Image(*found) if found else None
+    except InputError:
+        return None
+    return picture if picture is not None and "renderer" in picture.info else None
+
+
+def describe_picture(picture: Image) -> str:
+    """Page on a picture of splatgl: what it shows, its settings, and its accuracy."""
+    info, (height, width, _) = picture.info, picture.pixels.shape
+    known = {"pixels": f"{width} × {height}", "source": info.get("source", info.get("scene"))}
+    known |= {name: info.get(name) for name in ("blend", "splats", "classification", "kernel", "technique", "renderer")}
+    known |= {"splatgl": info.get("version")}
+    lines = [f"{name:<15}{value}" for name, value in known.items() if value is not None]
+    lines += [
+        "accuracy",
+        *(f"  {line}" for text in str(picture.accuracy).splitlines() for line in wrap(text, WIDTH - 2)),
+    ]
+    transfer = str(info.get("transfer", "")).strip().splitlines()
+    return "\n".join([*lines, *["transfer function"] * bool(transfer), *(f"  {line}" for line in transfer)])
 
 
 def describe_choice(source: str, choice: MissingOption, message: str) -> str:

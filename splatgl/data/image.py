@@ -60,6 +60,27 @@ class Accuracy:
         return "\n".join([f"{known}: the tolerance {self.tolerance:.3g} is {met}{self.note}", *self.comparisons])
 
     @property
+    def summary(self) -> str:
+        """A short line: the RMSE and the largest error of the compared pixels, or the bound."""
+        relative = "" if self.brightest is None else f" of {self.brightest:.3g}"
+        if self.checked is None and self.error_bound is None:
+            return "not known"
+        if self.checked is None:
+            met = "within" if self.tolerance_met else "above"
+            tolerance = "" if self.tolerance is None else f", {met} the tolerance {self.tolerance:.3g}"
+            return f"error at most {self.error_bound:.2g}{tolerance}{self.note}"
+        checked, largest = self.checked, f"{_round_up(self.checked['largest'])}{relative}"
+        is_whole, count = checked["confidence"] == 1, checked["pixels"]
+        share = "all pixels" if is_whole else f"at least {floor(100 * (1 - checked['share'])):d} % of all pixels"
+        text = f"RMSE {checked['rmse']:.1g}{relative} in {count} checked pixels, {share} within {largest}"
+        if checked["share_above_tolerance"] > checked["share"]:
+            text += f", up to {_round_up(100 * checked['share_above_tolerance'])} % above the tolerance"
+        if self.level:
+            text += f", of level {self.level}'s voxels"
+        field = checked.get("field")
+        return f"{text}{self.note}" + (f"; off the field itself by up to {field['largest']:.2g}" if field else "")
+
+    @property
     def comparisons(self) -> tuple[str, ...]:
         """Text on the errors of compared pixels, to the reference and to the field."""
         if self.checked is None:

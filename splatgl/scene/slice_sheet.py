@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from splatgl.annotations.annotate import text_of
 from splatgl.annotations.canvas import AnnotatedSubject, AnnotationView, Canvas, ColorScale
 from splatgl.annotations.world_lines import letters
 from splatgl.data.image import Image
@@ -195,6 +196,7 @@ def _annotation_view(scene: OpenScene, cells: Sequence[PageCell]) -> AnnotationV
         low, high = transfer.color_range
         scale = ColorScale(transfer.colormap, float(low), float(high), subject.value_name)
         subject = replace(subject, scales=(scale,) if low < high else (), empty=low < high)
-    if "scale" in scene.file.annotate and len({subject.lengths(cell.plane.right) for cell in cells}) > 1:
+    has_scale = text_of(scene.file.annotate, "scale") is not None
+    if has_scale and len({subject.lengths(cell.plane.right) for cell in cells}) > 1:
         raise expected("annotate", "no scale for slices along axes of several units", "scale")
     return AnnotationView(subject, transfer, camera)

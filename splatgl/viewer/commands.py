@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.annotations.annotate import ANNOTATIONS, default_names
+from splatgl.annotations.annotate import ANNOTATIONS, default_names, text_of
 from splatgl.annotations.canvas import AnnotatedSubject, Annotation
 from splatgl.data.color import AUTO, linear_from_srgb
 from splatgl.data.volume import Volume
@@ -350,8 +350,9 @@ def _uncut(state: State, document: Document) -> State:
 
 
 def toggle_name(names: tuple[str, ...], name: str) -> tuple[str, ...]:
-    """The names without one of them, or with it if it is missing."""
-    return tuple(other for other in names if other != name) if name in names else (*names, name)
+    """The annotations without one of a name, with or without a text, or with it if it is missing."""
+    others = tuple(other for other in names if text_of((other,), name) is None)
+    return others if len(others) < len(names) else (*names, name)
 
 
 def _annotation(row: Annotation) -> Run:
@@ -365,8 +366,8 @@ def _annotation(row: Annotation) -> Run:
 
 def _annotations(state: State, document: Document) -> State:
     names = default_names(AnnotatedSubject.of(document.volume))
-    rest = tuple(name for name in state.annotate if name not in names)
-    return replace(state, annotate=rest if set(names) & set(state.annotate) else (*names, *rest))
+    rest = tuple(name for name in state.annotate if name.partition("=")[0] not in names)
+    return replace(state, annotate=rest if len(rest) < len(state.annotate) else (*names, *rest))
 
 
 def _probe(state: State, document: Document) -> State:

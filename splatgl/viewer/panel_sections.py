@@ -12,7 +12,7 @@ import numpy as np
 from imgui_bundle import imgui
 from numpy.typing import ArrayLike
 
-from splatgl.annotations.annotate import ANNOTATIONS
+from splatgl.annotations.annotate import ANNOTATIONS, text_of
 from splatgl.annotations.canvas import AnnotatedSubject
 from splatgl.annotations.text import legible, plain
 from splatgl.annotations.world_lines import measure_text
@@ -292,7 +292,7 @@ def _over(state: State, document: Document, widgets: CommandWidgets) -> State:
     """Annotations of the picture."""
     rows = {row.name: row for row in ANNOTATIONS.values() if row.key and (document.volume.frame or not row.needs_frame)}
     for name, _ in _flow(list(rows), 3):
-        if imgui.checkbox(name, name in state.annotate)[0]:
+        if imgui.checkbox(name, text_of(state.annotate, name) is not None)[0]:
             state = replace(state, annotate=toggle_name(state.annotate, name))
         imgui.set_item_tooltip(f"{rows[name].about[:-1]} ({rows[name].key}).")
     return widgets.checkbox("probe", "value under the cursor", state.probe, state, document)

@@ -12,14 +12,23 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.annotations import world_lines
-from splatgl.annotations.annotate import ANNOTATIONS, LiveOverlay, annotated, compose, default_names, parse_annotations
+from splatgl.annotations import bars, world_lines
+from splatgl.annotations.annotate import (
+    ANNOTATIONS,
+    LiveOverlay,
+    annotated,
+    check,
+    compose,
+    default_names,
+    parse_annotations,
+)
 from splatgl.annotations.bars import _shorten, length_text, log_ticks, of_values, scale_of, ticks
 from splatgl.annotations.canvas import WHITE, AnnotatedSubject, AnnotationView, Canvas, Measure
 from splatgl.annotations.world_lines import COLORS, LONG, letters, measure_text
 from splatgl.cli.main import main
 from splatgl.data.affine import Coordinate, make_lattice
 from splatgl.data.volume import halve_volume
+from splatgl.errors import InputError
 from splatgl.scene.scene_file import SceneFile
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
@@ -122,7 +131,7 @@ def test_bar_colors_and_untouched_pixels(size: tuple[int, int], light: float) ->
     np.testing.assert_array_equal(image.pixels[center], pixels[center])
 
 
-@pytest.mark.parametrize("text", ["sharp", "title", "title=", "scale,scale", "scale=3"])
+@pytest.mark.parametrize("text", ["sharp", "title", "title=", "scale,scale", "scale=left", "axes=3"])
 def test_bad_names(text: str) -> None:
     """One line that lists what is known."""
     with pytest.raises(sg.InputError, match="annotate: expected"):
@@ -581,3 +590,43 @@ def test_heights_are_the_maps(tmp_path: Path) -> None:
     volume = sg.load(tmp_path / "heights.csv", relief=3.0)
     axis = volume.axes[2]
     assert (axis.name, axis.offset) == ("height", 500.0) and axis.offset + axis.slope * 3.0 == pytest.approx(760.0)
+
+
+@pytest.mark.parametrize(
+    ("unit", "text", "pixels", "corner"),
+    [
+        ("um", "20um", 20, "bottom-right"),
+        ("um", "0.02 mm:top-left:5px:red", 20, "top-left"),
+        ("mm", "20:bottom-left:#0f0", 20, "bottom-left"),
+        ("mm", "2cm:6px", 20, "bottom-right"),
+    ],
+)
+def test_a_stated_scale_bar(unit: str, text: str, pixels: int, corner: str) -> None:
+    """Its length is exact, and its place, thickness and colour are as stated."""
+    volume = sg.Volume(np.zeros((100, 100, 100), np.uint8), unit=unit)
+    camera = sg.Camera.orthographic((50, -200, 50), (50, 50, 50), (0, 0, 1), 100, (200, 200))
+    empty = sg.Image(np.zeros((200, 200, 4), np.float32), {"blend": "composite"})
+    image = annotated(empty, volume, TRANSFER, camera, [f"scale={text}"], ground=(0.0, 0.0, 0.0))
+    assert image.info["not_annotated"] == []
+    stated = bars.ScaleBar.parse(text)
+    color = stated.color or (1.0, 1.0, 1.0)
+    matches = np.abs(image.pixels[..., :3] - color).max(axis=-1) < 1e-3
+    rows = np.flatnonzero(matches.sum(axis=1) == 2 * pixels)
+    assert len(rows) == (stated.thickness or 2)
+    assert (rows.mean() < 60) == corner.startswith("top")
+    assert (np.flatnonzero(matches[rows[0]]).mean() < 80) == corner.endswith("left")
+
+
+@pytest.mark.parametrize(
+    "text", ["20furlong", "transparent", "20um:30um", "0px", "-3um", "left", "20um:nocolor", "1e999"]
+)
+def test_other_scale_bars_are_refused(text: str) -> None:
+    with pytest.raises(InputError, match="annotate: expected scale=LENGTH:CORNER:THICKNESS:COLOUR"):
+        check([f"scale={text}"])
+
+
+def test_a_length_needs_a_unit_of_the_data() -> None:
+    volume = sg.Volume(np.zeros((10, 10, 10), np.uint8))
+    empty = sg.Image(np.zeros((200, 200, 4), np.float32), {"blend": "composite"})
+    image = annotated(empty, volume, TRANSFER, sg.Camera.orbit(volume, size=(200, 200)), ["scale=2um"])
+    assert image.info["not_annotated"] == ["no scale bar of 2 um: the data does not state its unit of length"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import tracemalloc
 from dataclasses import replace
@@ -12,6 +13,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli import volume_info
+from splatgl.cli.main import main
 from splatgl.cli.volume_info import WIDTH, describe, histogram, measure
 from splatgl.data.volume import Volume
 from splatgl.readers import load
@@ -149,3 +151,15 @@ def test_channels_count_together(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert count(both) == drawn
     alone = [count(replace(part, channels=())) for part in parts]
     assert max(alone) < count(both)
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg", "tif", "exr"])
+def test_a_picture_tells_what_it_shows(suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    if suffix in ("tif", "exr"):
+        pytest.importorskip({"tif": "tifffile", "exr": "OpenEXR"}[suffix])
+    path = tmp_path / f"a.{suffix}"
+    sg.render(np.indices((8, 8, 8))[0].astype(np.uint8), size=32).save(path)
+    assert main(["info", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "pixels         32 × 32" in said and "accuracy" in said and "transfer function" in said
+    assert main(["info", str(path), "--json"]) == 0 and json.loads(capsys.readouterr().out)["size"] == [32, 32]

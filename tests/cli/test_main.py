@@ -241,7 +241,7 @@ def test_explain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told = capsys.readouterr().out
     assert re.search(r"error bound \S+: the tolerance 0.00392 is met, against", told)
     assert main(["render", "noise.npy", "--size", "16", "--paper"]) == 0
-    assert re.search(r"; error at most \S+, above the tolerance 0.00392\n", capsys.readouterr().out)
+    assert re.search(r"accuracy: error at most \S+, above the tolerance 0.00392\n", capsys.readouterr().out)
 
 
 @pytest.mark.long
@@ -324,30 +324,32 @@ def test_pixels_are_checked(
     np.save("noise.npy", np.random.default_rng(1).random((8, 8, 8)))
     asked = ["render", "noise.npy", "--size", "24", "-o", "x.png"]
     assert main(asked) == 0
-    found = r"drawn in \S+ s by [^;]+; with 95 % confidence at most (\S+) % of the pixels are off by more than \S+: "
-    matched = re.search(found + r"60 drawn in float64; RMSE \S+, worst at \d+, \d+", capsys.readouterr().out)
+    found = r"accuracy: RMSE \S+ in 60 checked pixels, at least (\d+) % of all pixels within \S+\n"
+    matched = re.search(found, capsys.readouterr().out)
     assert matched
     checked: Any = sg.Image.load("x.png").info["checked"]
     assert 0 < checked["rmse"] < checked["largest"] < 0.02 and checked["pixels"] == 60
-    assert 0 <= float(matched[1]) / 100 - checked["share"] < 0.001 and checked["confidence"] == 0.95
-    assert main([*asked, "--like", "0.1"]) == 0 and "drawn in float64" not in capsys.readouterr().out
-    for amount, told in (("100", "at most "), ("0.001s", ": 16 drawn"), ("576", "no pixel is off by more"), ("0", "")):
+    assert 0 <= 1 - checked["share"] - float(matched[1]) / 100 < 0.01 and checked["confidence"] == 0.95
+    assert main(["info", "x.png"]) == 0
+    assert "with 95 % confidence" in " ".join(capsys.readouterr().out.split())
+    assert main([*asked, "--like", "0.1"]) == 0 and "checked pixels" not in capsys.readouterr().out
+    for amount, told in (("100", "at least "), ("0.001s", "in 16 checked"), ("576", "all pixels within"), ("0", "")):
         assert main([*asked, "--check", amount]) == 0
         said = capsys.readouterr().out
-        assert ("drawn in float64" in said) == bool(told) and told in said
+        assert ("checked pixels" in said) == bool(told) and told in said
     # beside its own error, how far it is from the field; coarser sheets are farther
     assert main([*asked, "--field"]) == 0 and "off the field itself by up to" in capsys.readouterr().out
     # of a small picture, all
     assert (
         main([*asked, "--size", "24x1", "--points", "0:0.5,1:0.5"]) == 0
-        and "no pixel is off by more" in capsys.readouterr().out
+        and "all pixels within" in capsys.readouterr().out
     )
     # a picture that is wrong is told from one that is right
     monkeypatch.setattr("splatgl.reference.check.render_pixels", lambda *given: np.full((len(given[-1]), 4), 0.5))
     assert main([*asked, "--check", "20"]) == 0
     checked = sg.Image.load("x.png").info["checked"]
     assert checked["largest"] > 0.3 and checked["share_above_tolerance"] > 0.9
-    assert re.search(r", \S+ % by more than the tolerance: 20 drawn", capsys.readouterr().out)
+    assert re.search(r"in 20 checked.*, up to \S+ % above the tolerance", capsys.readouterr().out)
 
 
 @pytest.mark.parametrize(

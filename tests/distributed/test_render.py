@@ -290,7 +290,7 @@ def test_a_picture_with_a_scheduler(
 ) -> None:
     asked = ["render", str(saved), "--size", "12", "--blend", "mip"]
     assert main([*asked, "-o", str(tmp_path / "a.npy"), "--scheduler", client.scheduler.address]) == 0
-    assert "drawn in float64" in capsys.readouterr().out
+    assert "checked pixels" in capsys.readouterr().out
     assert main([*asked, "-o", str(tmp_path / "b.npy")]) == 0
     assert np.abs(np.load(tmp_path / "a.npy") - np.load(tmp_path / "b.npy")).max() < 1e-5
 

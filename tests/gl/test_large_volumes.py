@@ -198,7 +198,7 @@ def test_levels_of_a_store(
     assert main([*asked, "-o", "auto.npy"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("level ") and "off by RMSE" in said and not said.startswith("level 0")
-    assert f"drawn in float64, of level {said[6]}'s voxels" in said
+    assert "checked pixels, " in said and f", of level {said[6]}'s voxels" in said
     assert main([*asked, "-o", "finest.npy", "--level", "0", "--check", "0", "--quiet"]) == 0
     auto, finest = np.load("auto.npy"), np.load("finest.npy")
     assert not np.array_equal(auto, finest) and np.sqrt(((auto - finest) ** 2).mean()) < 0.01

@@ -307,7 +307,7 @@ def test_layers_of_the_command_line(
     out, (first, second) = tmp_path / "a.npy", files
     asked = ["render", first, "--points", "0.4:0,0.7:0.6", "--size", "40", "-o", str(out), "--backend", "auto"]
     assert main([*asked, "--layer", f"{second}:viridis:0.5"]) == 0
-    assert "60 drawn in float64" in capsys.readouterr().out
+    assert "in 60 checked pixels" in capsys.readouterr().out
     volumes = [sg.load(name) for name in files]
     other = replace(sg.default_transfer(volumes[1]), colormap="viridis")
     points = replace(sg.default_transfer(volumes[0]), points=((0.4, 0.0), (0.7, 0.6)))
