@@ -257,6 +257,7 @@ def pick(
 ) -> Picked | None:
     """The point under the centre of a pixel (column, row), row 0 on top; None if nothing is visible there.
 
+    A Scene keeps its voxels for the next pick, which takes milliseconds; of a Volume they are extracted every time.
     mode "first": where half of the light is absorbed, or half of the ray's total absorption; "max": the largest value,
     of an attenuated MIP the one that is shown; None: as the blend of the settings shows: mip the largest value, minip
     the least, mean the first place of the mean. attenuation: of a largest value, per reference length. settings: of the
