@@ -37,8 +37,8 @@ def annotated(
     ground: Color | None = None,
     steady: bool = False,
 ) -> Image:
-    """The image under annotations: "scale", "colorbar", "axes", "directions", "box", "title=TEXT", "time=TEXT";
-    "scale=20um:bottom-left:4px:white" states the bar's length, corner, thickness and colour.
+    """The image under annotations: "scale", "colorbar", "legend", "axes", "directions", "box", "title=TEXT" and
+    "time=TEXT". "scale=20um:bottom-left:4px:white" states the bar's length, corner, thickness and colour.
 
     ground: linear RGB behind a transparent image, for the colour of text. Letters are 8 points high where the image
     states its dots per inch. steady: places do not depend on the image, as in movies. An X-ray is scaled to its

@@ -258,13 +258,19 @@ def of_sums(pixels: np.ndarray, scale: float, rows: int) -> ColorBar | None:
 def draw_color_bar(layer: Canvas, view: AnnotationView) -> None:
     """Draws the colour bars at the right, or at the left where the image is empty only there."""
     for bar in _bars(layer, view):
-        part = _draw_bar(bar, layer.em, layer.ink)
+        part = _draw_bar(bar, layer.em, layer.ink, bool(view.text))
         (wide, tall), pad = part.size, layer.pad
         top = (layer.size[1] - tall) // 2
         places = [Rect(left, top, left + wide, top + tall) for left in (layer.size[0] - pad - wide, pad)]
         place = layer.reserve(places, "colour bar")
         if place is not None:
             layer.add(part, (place.left, place.top))
+
+
+def check_color_bar(text: str) -> None:
+    """Raises InputError for another text than opacity, which states the largest."""
+    if text not in ("", "opacity"):
+        raise expected("annotate", "colorbar, or colorbar=opacity to state the largest", f"colorbar={text}")
 
 
 def _bars(layer: Canvas, view: AnnotationView) -> list[ColorBar]:
@@ -295,18 +301,55 @@ def bar_of(view: AnnotationView, rows: int) -> ColorBar | None:
     return of_values(view.transfer, view.subject.value_name, view.blend, rows)
 
 
+# most rows of a legend
+MOST_ROWS = 24
+
+
+def draw_legend(layer: Canvas, view: AnnotationView) -> None:
+    """Draws names beside their colours, at the left or right, where the image is empty."""
+    rows = view.subject.legend
+    if not rows:
+        layer.notes.append("no legend: there is one layer only, without segments")
+        return
+    shown = rows if len(rows) <= MOST_ROWS else rows[: MOST_ROWS - 1]
+    texts = [_shorten(name) for name, _ in shown] + [f"{len(rows) - len(shown)} more"] * (len(shown) < len(rows))
+    sizes, gap = [layer.text_size(text) for text in texts], layer.em // 2
+    wide, tall = layer.em + gap + max(size[0] for size in sizes), sum(size[1] for size in sizes)
+    (width, height), pad = layer.size, layer.pad
+    ends = [(x, y) for x in (pad, width - pad - wide) for y in (pad, height - pad - tall, (height - tall) // 2)]
+    place = layer.reserve([Rect(x, y, x + wide, y + tall) for x, y in ends], "legend")
+    if place is None:
+        return
+    left, top = place.left, place.top
+    for text, size, (_, code) in zip(texts, sizes, (*shown, ("", "")), strict=False):
+        if code:
+            color = read_background(code)
+            assert not isinstance(color, str)
+            inset = max((size[1] - layer.em) // 2, layer.edge)
+            layer.bar(left + layer.edge, left + layer.em, top + inset, top + size[1] - inset, color)
+        layer.text(text, left + layer.em + gap, top)
+        top += size[1]
+
+
 ABOUT_COLORS = "The colours and opacities of values."
+ABOUT_LEGEND = "Names of channels, layers and segments in their colours."
 ROWS = (
     Annotation(
         *("scale", "scale bar", ABOUT_SCALE, draw_scale_bar, 3, "j"), default=True, example="20um", check=ScaleBar.parse
     ),
-    Annotation("colorbar", "colour bar", ABOUT_COLORS, draw_color_bar, 2, "shift+j", needs_values=True),
+    Annotation("legend", "legend", ABOUT_LEGEND, draw_legend, 4, "alt+j"),
+    Annotation(
+        *("colorbar", "colour bar", ABOUT_COLORS, draw_color_bar, 2, "shift+j"),
+        needs_values=True,
+        example="opacity",
+        check=check_color_bar,
+    ),
 )
 
 
 @lru_cache(maxsize=4)
-def _draw_bar(bar: ColorBar, em: int, ink: Color) -> Canvas:
-    """Bar with numbers and curve; a row of the bar is a pixel high."""
+def _draw_bar(bar: ColorBar, em: int, ink: Color, has_opacity: bool = False) -> Canvas:
+    """Bar with numbers and curve; a row of the bar is a pixel high. has_opacity: whether the curve's end is written."""
     sizes = Canvas(np.zeros((1, 1, 4), np.float32), ink, font=em)
     rows, edge = len(bar.colors), sizes.edge
     label = _shorten(bar.label)
@@ -315,7 +358,7 @@ def _draw_bar(bar: ColorBar, em: int, ink: Color) -> Canvas:
     line = sizes.text_size(label)[1]
     beside = max((sizes.text_size(text)[0] for text in texts), default=0) + em // 2
     wide, curve = round(WIDE * em), round(CURVE * em) if bar.opacity is not None else 0
-    below = "" if bar.opacity is None else f"opacity to {bar.opacity.max():.3g}"
+    below = "" if bar.opacity is None or not has_opacity else f"opacity to {bar.opacity.max():.3g}"
     right = max(sizes.text_size(label)[0], sizes.text_size(below)[0], beside + wide + curve + 2 * edge)
     top, left = line + em // 2, right - beside - wide
     layer = Canvas(np.zeros((top + rows + em // 2 + line, right, 4), np.float32), ink, font=em, marks=[])

@@ -19,6 +19,7 @@ from splatgl.data.volume import AxisCoordinate, Triple, Volume
 from splatgl.errors import error_prefix, expected
 from splatgl.geometry.camera import Camera
 from splatgl.options import ValueKind, check_options, declared, option, reject_unknown
+from splatgl.transfer.colormaps import control_colors
 from splatgl.transfer.transfer import Transfer
 
 # font height as a fraction of the smaller side, and its minimum in pixels
@@ -432,12 +433,24 @@ class Measure:
             return cls(**table)
 
 
+def legend_of(layers: Sequence[tuple[Volume, Transfer]]) -> tuple[tuple[str, str], ...]:
+    """Names and colours of the segments of layers, and of layers of amounts if there are several."""
+    rows = []
+    for volume, transfer in layers:
+        names = {label.number: label.name for label in volume.labels or ()}
+        if transfer.labels:
+            rows += [(names.get(n) or f"label {n}", color) for n, color, opacity in transfer.labels if opacity > 0]
+        elif len(layers) > 1 and volume.color is None:
+            rows.append((volume.name or f"layer {len(rows) + 1}", control_colors(transfer.colormap)[1][-1]))
+    return tuple(rows)
+
+
 @dataclass(frozen=True, eq=False)
 class AnnotatedSubject:
     """Volume described by annotations. corners [8, 3]: of the box, world units; center [3]. colored: whether voxels
     have colours. value_name: title of a colour bar, the quantity (else the volume's name) and its unit. scales: of
     meshes. empty: whether voxels show nothing, as below a lone mesh. measures: distances and angles. axes: the file's
-    coordinates, as of a volume.
+    coordinates, as of a volume. legend: names and colours "#rrggbb" of segments, and of several channels or layers.
     """
 
     corners: np.ndarray
@@ -451,15 +464,20 @@ class AnnotatedSubject:
     empty: bool = False
     measures: tuple[Measure, ...] = ()
     axes: tuple[AxisCoordinate, ...] = ()
+    legend: tuple[tuple[str, str], ...] = ()
 
     @classmethod
-    def of(cls, volume: Volume, valued: Volume | None = None) -> AnnotatedSubject:
-        """The subject of a volume. valued: another one, whose values the colour bar shows."""
+    def of(
+        cls, volume: Volume, valued: Volume | None = None, layers: Sequence[tuple[Volume, Transfer]] = ()
+    ) -> AnnotatedSubject:
+        """The subject of a volume. valued: another one, whose values the colour bar shows. layers: the visible ones."""
         of_bar = valued or volume
         colored = of_bar.color is not None
         title = ", ".join(filter(None, (of_bar.quantity or of_bar.name, of_bar.value_unit)))
         center, unit = volume.center, volume.unit
-        return cls(volume.corners, center, unit, volume.name, volume.frame, colored, title, axes=volume.axes)
+        legend = legend_of(layers)
+        place = volume.corners, center, unit, volume.name, volume.frame
+        return cls(*place, colored, title, axes=volume.axes, legend=legend)
 
     def lengths(self, direction: np.ndarray) -> tuple[float, str] | None:
         """Length in a unit per world length along a direction [3], and that unit; None along axes of several units."""

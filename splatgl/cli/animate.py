@@ -35,7 +35,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     about = f"frames per second of a movie (default {FPS:g}, fewer for a short series: at least {SHORTEST:g} s)"
     group.add_argument("--fps", type=float, metavar="N", help=about)
     group.add_argument("--resume", action="store_true", help="keep frames that exist")
-    about = "scale,colorbar,axes,directions,box,title=TEXT,time=TEXT; time: of each volume of a series"
+    about = "scale,colorbar,legend,axes,directions,box,title=TEXT,time=TEXT; time: of each volume of a series"
     parser.add_argument("--annotate", metavar="NAMES", help=about)
     parser.add_argument(
         "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample (default 8)"

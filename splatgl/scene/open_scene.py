@@ -198,7 +198,9 @@ class OpenScene:
     def annotated_subject(self) -> AnnotatedSubject:
         """Box, unit, frame and scales of the volume and the meshes, for annotations."""
         scales, is_empty = ColorScale.of(self.scene.meshes), is_mesh(self.file.volume)
-        subject = AnnotatedSubject.of(self.volume, self.legend[0])
+        layers = [(layer.volume, layer.faded) for layer in self.scene.shown]
+        layers = [(self.volume, self.transfer)] if self.is_single else layers
+        subject = AnnotatedSubject.of(self.volume, self.legend[0], layers)
         return replace(subject, scales=scales, empty=is_empty, measures=self.file.measures)
 
     @property

@@ -244,11 +244,14 @@ class Overlays:
         if not names or min(camera.size) < LEAST_SIDE:
             return ()
         valued, transfer = bar_of(state, document)
+        styled = zip(document.layers, state.styles, strict=False)
+        layers = [(layer.volume, style.transfer) for layer, style in styled if style.is_shown]
         look = transfer, camera, names, background_of(state), state.settings.blend
-        key = volume, valued, meshes, state.measures, *look
+        key = volume, valued, meshes, state.measures, layers, *look
         if key != self.key:
             empty, scales = is_mesh(document.scene.volume), ColorScale.of(meshes)
-            subject = replace(AnnotatedSubject.of(volume, valued), measures=state.measures, scales=scales, empty=empty)
+            subject = AnnotatedSubject.of(volume, valued, layers)
+            subject = replace(subject, measures=state.measures, scales=scales, empty=empty)
             self.key, self.latest = key, crop_sprites(self.overlay.draw(subject, *look))
         return self.latest
 

@@ -23,10 +23,11 @@ from splatgl.annotations.annotate import (
     parse_annotations,
 )
 from splatgl.annotations.bars import _shorten, length_text, log_ticks, of_values, scale_of, ticks
-from splatgl.annotations.canvas import WHITE, AnnotatedSubject, AnnotationView, Canvas, Measure
+from splatgl.annotations.canvas import WHITE, AnnotatedSubject, AnnotationView, Canvas, Measure, legend_of
 from splatgl.annotations.world_lines import COLORS, LONG, letters, measure_text
 from splatgl.cli.main import main
 from splatgl.data.affine import Coordinate, make_lattice
+from splatgl.data.figure import TextMark
 from splatgl.data.volume import halve_volume
 from splatgl.errors import InputError
 from splatgl.scene.scene_file import SceneFile
@@ -630,3 +631,45 @@ def test_a_length_needs_a_unit_of_the_data() -> None:
     empty = sg.Image(np.zeros((200, 200, 4), np.float32), {"blend": "composite"})
     image = annotated(empty, volume, TRANSFER, sg.Camera.orbit(volume, size=(200, 200)), ["scale=2um"])
     assert image.info["not_annotated"] == ["no scale bar of 2 um: the data does not state its unit of length"]
+
+
+def test_a_legend_names_segments_and_layers_in_their_colours() -> None:
+    table = (sg.Label(2, "liver", "#ff0000"), sg.Label(5))
+    segments = sg.Volume(np.zeros((4, 4, 4), np.uint8), labels=table)
+    look = sg.Transfer(labels=[(2, "#ff0000", 1.0), (5, "#00ff00", 0.5), (6, "#0000ff", 0.0)])
+    assert legend_of([(segments, look)]) == (("liver", "#ff0000"), ("label 5", "#00ff00"))
+    green = replace(TRANSFER, colormap="#00ff00")
+    assert legend_of([(VOLUME, green), (segments, look)])[0] == ("ct", "#00ff00")
+    assert legend_of([(VOLUME, green)]) == ()
+    rows = tuple((f"segment {n}", "#ff0000") for n in range(40))
+    view = AnnotationView(replace(AnnotatedSubject.of(VOLUME), legend=rows), TRANSFER, sg.Camera.orbit(VOLUME))
+    canvas = replace(Canvas(np.zeros((512, 512, 4), np.float32), WHITE), marks=[])
+    ANNOTATIONS["legend"].draw(canvas, view)
+    texts = [mark.text for mark in canvas.marks or () if isinstance(mark, TextMark)]
+    assert texts[:2] == ["segment 0", "segment 1"] and texts[-1] == "17 more"
+    red = canvas.pixels[(canvas.pixels[..., 0] > 0.99) & (canvas.pixels[..., 1] < 0.01)]
+    assert len(red) > 20 * 23
+    alone = replace(canvas, notes=[])
+    ANNOTATIONS["legend"].draw(alone, replace(view, subject=AnnotatedSubject.of(VOLUME)))
+    assert alone.notes == ["no legend: there is one layer only, without segments"]
+
+
+def test_doors_show_a_legend(tmp_path: Path) -> None:
+    """Commands' scenes and Python tell the legend the same layers."""
+    samples = np.zeros((8, 8, 8), np.uint8)
+    samples[2:6, 2:6, 2:6] = 3
+    volume = sg.Volume(samples, labels=(sg.Label(3, "cube", "#00ff00"),))
+    image = sg.render(volume, size=200, annotate=["legend"])
+    plain = sg.render(volume, size=200)
+    assert image.info["not_annotated"] == [] and (image.pixels[:40, :60] != plain.pixels[:40, :60]).any()
+
+
+def test_a_colour_bar_states_its_opacity_when_asked() -> None:
+    for text, told in (("", False), ("opacity", True)):
+        view = AnnotationView(AnnotatedSubject.of(VOLUME), TRANSFER, sg.Camera.orbit(VOLUME), text=text)
+        canvas = replace(Canvas(np.zeros((512, 512, 4), np.float32), WHITE), marks=[])
+        ANNOTATIONS["colorbar"].draw(canvas, view)
+        texts = [mark.text for mark in canvas.marks or () if isinstance(mark, TextMark)]
+        assert any(text.startswith("opacity to 0.") for text in texts) == told
+    with pytest.raises(InputError, match="colorbar=opacity to state the largest, got colorbar=3"):
+        check(["colorbar=3"])
