@@ -11,7 +11,7 @@ from textwrap import wrap
 import numpy as np
 
 from splatgl.cli.parser import one_line
-from splatgl.data.image import EXR, JPEG, TIFF, Image, load_tiff
+from splatgl.data.image import EXR, TIFF, Image, load_tiff
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, MissingOption
 from splatgl.fileio import budget, format_bytes
@@ -118,7 +118,7 @@ def _measured_level(volume: Volume) -> tuple[list[Volume], int]:
 def drawn_picture(source: str) -> Image | None:
     """A picture of splatgl with its provenance; None for other files."""
     path, suffix = Path(source), Path(source).suffix.lower()
-    if suffix not in (".png", *JPEG, *TIFF, *EXR) or not path.is_file():
+    if suffix not in (".png", *TIFF, *EXR) or not path.is_file():
         return None
     try:
         # other files of TIFF may be large stacks

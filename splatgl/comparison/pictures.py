@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from inspect import isawaitable
@@ -29,6 +30,9 @@ ANIMATED, MOVIES = (".gif", ".webp", ".apng", ".png", ".tif", ".tiff"), (".mp4",
 SUFFIXES = (*ANIMATED, ".npy", ".exr", ".jpg", ".jpeg", ".bmp", ".svg", ".pdf", *MOVIES)
 # pixels an inch of a PDF's page
 PAGE_DPI = 144
+# the beginning of a text in SVG, and bytes that are searched for it
+SVG_TEXT = re.compile(r"\ufeff?\s*(<\?xml[^>]*>\s*)?(<!--.*?-->\s*)*(<!DOCTYPE svg[^>]*>\s*)?<svg\b", re.DOTALL)
+MOST_HEAD = 4096
 # a PNG's last chunk (PNG specification §11.2.5)
 PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
 
@@ -234,13 +238,14 @@ def as_images(value: Any) -> Iterator[Image]:
 
 def as_image(value: Any, what: str = "image") -> Image:
     """The image of an Image, a file of one picture, the bytes of a PNG or JPEG, samples (uint8 or uint16 sRGB, grey,
-    with alpha, RGB or RGBA; bool), linear premultiplied floats [H, W, 4], or an object that draws itself: an image of
-    Pillow, a figure of Matplotlib or Plotly, a viewer of napari, a plotter of PyVista, a page or an element of
-    Playwright or Selenium. what: for messages. Raises
-    InputError for others.
+    with alpha, RGB or RGBA; bool), linear premultiplied floats [H, W, 4], text of an SVG, or an object that draws
+    itself: an image of Pillow, a figure or axes of Matplotlib, a figure of Plotly, a viewer of napari, a plotter of
+    PyVista, a page or an element of Playwright or Selenium. what: for messages. Raises InputError for others.
     """
     if isinstance(value, Image):
         return value
+    if isinstance(value, str) and SVG_TEXT.match(value):
+        value = value.encode()
     if isinstance(value, str | Path):
         first, *more = frames(Path(value))
         if more:
@@ -280,6 +285,8 @@ def _draw(value: Any) -> Any:
     if isinstance(value, Pillow.Image):
         return _encode_pillow(value)
     file = BytesIO()
+    # axes of Matplotlib
+    value = value.figure if hasattr(getattr(value, "figure", None), "savefig") else value
     if hasattr(value, "savefig"):
         value.savefig(file, format="png")
     elif hasattr(value, "to_image"):
@@ -315,11 +322,12 @@ def _encode_pillow(image: PillowImage) -> bytes:
 
 
 def _decode_bytes(content: bytes) -> Picture:
-    """The picture of a PNG's or JPEG's bytes. Raises InputError for others."""
+    """The picture of the bytes of a PNG, JPEG or SVG. Raises InputError for others."""
     with TemporaryDirectory() as folder:
-        path = Path(folder) / "image"
+        is_svg = SVG_TEXT.match(content[:MOST_HEAD].decode("utf-8", "replace"))
+        path = Path(folder) / ("image.svg" if is_svg else "image")
         path.write_bytes(content)
         try:
-            return read(path)
+            return next(frames(path))
         except InputError as error:
             raise InputError(str(error).replace(str(path), f"image of {len(content)} bytes")) from error

@@ -231,8 +231,8 @@ class SceneFile:
     annotate: tuple[str, ...] = option(
         (),
         ValueKind("names", _annotations, metavar="NAMES", hint="str | Sequence[str] | None"),
-        "scale, colorbar, legend, axes, directions, box, title=TEXT. Or time=TEXT, scale=20um:bottom-left:4px:white; "
-        "several are separated by commas",
+        "scale, colorbar, legend, axes, directions, box, …. Or title=TEXT, time=TEXT, "
+        "scale=20um:bottom-left:4px:white; several are separated by commas",
         group=HelpGroup.PICTURE,
         level="basic",
     )

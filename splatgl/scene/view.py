@@ -139,8 +139,8 @@ class ViewOptions:
     view: str | None = _option(
         None,
         replace(ValueKind.choice(NAMED), metavar=""),
-        "a standard view: left, superior, front, isometric, xy, +x, …. Instead of azimuth and elevation; left is the "
-        "patient's; +x looks along x",
+        "a standard view: left, front, isometric, xy, +x, …. Instead of azimuth and elevation; left is the patient's, "
+        "+x looks along x",
         level="basic",
         metavar="NAME",
     )

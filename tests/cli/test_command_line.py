@@ -482,15 +482,15 @@ def test_pipes_are_no_files(here: Path, capsys: Said) -> None:
         ("--height 4", "view: azimuth 30°, elevation 20°, parallel rays"),
         ("--blend xray", "a.png: 24×16 pixels, xray of "),
         ("--like 0.1", "within the tolerance 0.00392"),
-        ("--check 50", " % of the pixels are off by more than "),
-        ("--check 384", "; no pixel is off by more than "),
-        ("--check 0", "; its error is not known"),
+        ("--check 50", " in 50 checked pixels, at least "),
+        ("--check 384", " checked pixels, all pixels within "),
+        ("--check 0", "accuracy: not known"),
     ],
 )
 def test_the_summary_tells_what_was_drawn(typed: str, told: str, here: Path, capsys: Said) -> None:
     assert main(["render", "noise.npy", "--size", "24x16", "-o", "a.png", *typed.split()]) == 0
     page = capsys.readouterr().out
-    assert told in page and len(page.splitlines()) == 4
+    assert told in page and len(page.splitlines()) == 5
     assert not any(word in page for word in ("align", "footprint", "target", "kernel", "technique", "rgba"))
     assert sg.Image.load("a.png").info["target"]
 

@@ -379,7 +379,7 @@ def test_an_annotated_xray_is_summed_up(here: Path, capsys: pytest.CaptureFixtur
     assert main(["render", "balls", *arguments]) == 0
     plain = capsys.readouterr().out
     assert main(["render", "balls", *arguments, "--annotate", "scale"]) == 0
-    error = re.compile(r"off by more than \S* of [^,;:]*")
+    error = re.compile(r"within \S* of [^,;:\n]*")
     assert error.search(capsys.readouterr().out)[0] == error.search(plain)[0]  # type: ignore[index]
 
 

@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,8 @@ import pytest
 import splatgl as sg
 import splatgl.comparison.image_regression
 import splatgl.gl.renderer
+from splatgl.comparison.pictures import as_image
+from splatgl.errors import InputError
 
 pytest_plugins = ["pytester"]
 
@@ -496,6 +499,19 @@ def test_each_frame_has_a_baseline(pytester: pytest.Pytester, monkeypatch: pytes
     assert len(baselines(pytester)) == 3
     frames[0].save(pytester.path / "film.gif", save_all=True, append_images=[frames[3], frames[2]], duration=50)
     pytester.runpytest().stdout.fnmatch_lines(["test_film-2 differs: *"])
+
+
+def test_axes_and_texts_of_drawings_are_pictures() -> None:
+    matplotlib = pytest.importorskip("matplotlib.figure", reason="Matplotlib is in the extra plots")
+    figure = matplotlib.Figure((1, 1), dpi=50)
+    axes = figure.subplots()
+    assert np.array_equal(as_image(axes).pixels, as_image(figure).pixels)
+    drawing = '<?xml version="1.0"?>\n<svg xmlns="http://www.w3.org/2000/svg" width="32" height="16"></svg>'
+    if find_spec("cairosvg") is None:
+        with pytest.raises(InputError, match="SVG: needs the library cairosvg"):
+            as_image(drawing)
+        return
+    assert as_image(drawing).pixels.shape[:2] == as_image(drawing.encode()).pixels.shape[:2] == (16, 32)
 
 
 def test_the_guides_sample_project(pytester: pytest.Pytester) -> None:
