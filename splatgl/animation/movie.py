@@ -207,11 +207,10 @@ def is_pattern(source: str) -> bool:
 
 
 def _matching(source: str) -> list[str]:
-    """Files that match a pattern."""
+    """Files and folders that match a pattern, of which folders that exist may hold brackets."""
     path = Path(source)
-    if not path.parent.is_dir() and WILDCARDS.search(str(path.parent)):
-        raise expected(source, "a pattern in the file's name alone", "one in its folder's name")
-    files = sorted((str(p) for p in path.parent.glob(path.name)), key=by_numbers)
+    base = next(parent for parent in path.parents if parent.is_dir() or parent == parent.parent)
+    files = sorted((str(p) for p in base.glob(str(path.relative_to(base)))), key=by_numbers)
     if not files:
         raise expected(source, "a pattern that files fit", "none", "quote it, and check the folder")
     return files

@@ -14,9 +14,11 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
+from splatgl.animation.movie import expanded
 from splatgl.cli import presets
 from splatgl.cli.main import main
 from splatgl.data.image import Image
+from splatgl.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
 
@@ -186,3 +188,16 @@ def test_json_of_errors_and_choices(here: Path, capsys: Said) -> None:
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert set(lines[0]) == {"source", "output", "error"} and "NumPy" in lines[0]["error"]
     assert lines[1]["error"] is None
+
+
+def test_patterns_may_name_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Folders of patients with a volume each; folders that exist may hold brackets."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("p[1]", "p10", "p2"):
+        (tmp_path / "all" / name).mkdir(parents=True)
+        np.save(tmp_path / "all" / name / "ct.npy", np.ones((2, 2, 2)))
+    assert expanded(["all/*/ct.npy"]) == [f"all/{name}/ct.npy" for name in ("p2", "p10", "p[1]")]
+    assert expanded(["all/p[1]/*.npy"]) == ["all/p[1]/ct.npy"]
+    assert len(expanded([str(tmp_path / "**" / "c?.npy")])) == 3
+    with pytest.raises(InputError, match="expected a pattern that files fit, got none"):
+        expanded(["none*/ct.npy"])
