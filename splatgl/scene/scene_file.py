@@ -21,6 +21,7 @@ surfaces = 0.5                  # segmentations as surfaces, with this strength 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -148,6 +149,8 @@ _layers = partial(option, group=HelpGroup.LAYERS)
 _LAYER = ValueKind(
     "an opacity from 0 to 1", tuple, lambda text: SceneFile.read(text), "FILE[:LOOK[:OPACITY]]", hint="Any"
 )
+# options of reading in the text of a layer
+OF_LAYER = re.compile(r":(array|channel|field|level|series|time|well)=([^:]+)")
 
 
 @dataclass(frozen=True)
@@ -215,7 +218,8 @@ class SceneFile:
     layers: tuple[SceneFile, ...] = _layers(
         (),
         _LAYER,
-        "another volume. LOOK: a preset or a colour map; OPACITY: a factor from 0 to 1; repeatable",
+        "another volume. LOOK: a preset or a colour map; OPACITY: a factor from 0 to 1; repeatable. "
+        "FILE:series=2:time=0 takes options of reading: channel, array, level, well and field, too",
         level="basic",
         flag="--layer",
         repeat=True,
@@ -250,11 +254,13 @@ class SceneFile:
 
     @classmethod
     def read(cls, text: str) -> SceneFile:
-        """Returns the layer of FILE[:LOOK[:OPACITY]]; LOOK: a preset or colour map. Raises ValueError otherwise."""
-        source, look, opacity = split_look(text, lambda name: not name or bool(LOOK.fullmatch(name)))
-        return cls(
-            source, transfer={"preset" if is_preset(look) else "colormap": look} if look else {}, opacity=opacity
-        )
+        """Returns the layer of FILE[:OPTION=VALUE…][:LOOK[:OPACITY]]; OPTION: of reading, such as series; LOOK: a
+        preset or colour map. Raises ValueError otherwise.
+        """
+        load = {name: declared(LoadOptions)[name].kind.read(value) for name, value in OF_LAYER.findall(text)}
+        source, look, opacity = split_look(OF_LAYER.sub("", text), lambda name: not name or bool(LOOK.fullmatch(name)))
+        transfer = {"preset" if is_preset(look) else "colormap": look} if look else {}
+        return cls(source, load, transfer, opacity=opacity)
 
     @classmethod
     def of(cls, layer: Any) -> SceneFile:

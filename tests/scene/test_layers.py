@@ -340,6 +340,20 @@ def test_layers_of_the_command_line(
 )
 def test_what_a_layer_is(text: str, volume: str, transfer: dict[str, str], opacity: float) -> None:
     assert SceneFile.read(text) == SceneFile(volume, transfer=transfer, opacity=opacity)
+    options = {"series": "2", "time": 1, "channel": "DAPI"}
+    read = SceneFile.read(f"{volume}:series=2:time=1:channel=DAPI{text.removeprefix(volume)}")
+    assert read == SceneFile(volume, options, transfer, opacity=opacity)
+
+
+def test_a_layer_reads_its_channel(tmp_path: Path) -> None:
+    """As the same volume in memory does; an unknown channel is named."""
+    np.savez(tmp_path / "two.npz", first=np.zeros((4, 4, 4)), second=np.indices((4, 4, 4))[0].astype(float))
+    base = sg.Volume(np.ones((4, 4, 4)))
+    layer = sg.Layer(sg.load(tmp_path / "two.npz", array="second"))
+    by_text = sg.render(base, layers=[f"{tmp_path / 'two.npz'}:array=second"], size=32)
+    assert np.array_equal(by_text.pixels, sg.render(base, layers=[layer], size=32).pixels)
+    with pytest.raises(sg.InputError, match=r"array: expected .*first"):
+        sg.render(base, layers=[f"{tmp_path / 'two.npz'}:array=third"], size=32)
 
 
 @pytest.mark.parametrize(
