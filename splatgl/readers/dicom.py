@@ -67,6 +67,10 @@ def read(path: Path, options: LoadOptions) -> Volume:
         with _with_file_name(head, group):
             check_header(head)
     notes += dict.fromkeys(note for frame in group for note in frame.header.notes)
+    if len(group) == 1 and path.is_file() and group[0].header.source.member is None:
+        others = sum(other.suffix.lower() == path.suffix.lower() for other in path.parent.iterdir()) - 1
+        note = f"one slice; its folder has {others} more such files: give the folder for all slices of the series"
+        notes += [note] * (others > 0)
     # 2. their grid and samples
     grid = make_grid(group, options)
     samples, color = _read_samples(grid)

@@ -44,6 +44,16 @@ def test_slices_are_sorted_by_position(tmp_path: Path) -> None:
     assert volume.samples.dtype == np.int16
 
 
+def test_one_slice_tells_of_its_folder(tmp_path: Path) -> None:
+    folder = written(tmp_path / "ct")
+    files = sorted(folder.iterdir())
+    told = f"one slice; its folder has {len(files) - 1} more such files: give the folder for all slices of the series"
+    assert sg.load(files[0]).notes == (told,) and sg.load(folder).notes == ()
+    alone = tmp_path / "alone.dcm"
+    files[0].rename(alone)
+    assert sg.load(alone).notes == ()
+
+
 def test_units_of_values(tmp_path: Path) -> None:
     """Hounsfield's of a CT, unless the file says otherwise."""
     assert sg.load(written(tmp_path / "a", Modality="CT")).value_unit == "HU"
