@@ -13,7 +13,26 @@ from splatgl.options import OptionGroup
 
 Numbers: TypeAlias = Sequence[float] | np.ndarray
 ViewName: TypeAlias = Literal[
-    "anterior", "posterior", "left", "right", "superior", "inferior", "isometric", "front", "back", "top", "bottom"
+    "anterior",
+    "posterior",
+    "left",
+    "right",
+    "superior",
+    "inferior",
+    "isometric",
+    "front",
+    "back",
+    "top",
+    "bottom",
+    "xy",
+    "xz",
+    "yz",
+    "+x",
+    "+y",
+    "+z",
+    "-x",
+    "-y",
+    "-z",
 ]
 
 class PictureSettingsKeywords(TypedDict, total=False):
@@ -112,7 +131,7 @@ class LookKeywords(TypedDict, total=False):
     preset: str
     curve: str
     colors: str | Sequence[Any]
-    level_width: Numbers | None
+    level_width: Numbers | str | None
     file: str
     only_labels: str | Sequence[int | tuple[int, float]] | Mapping[int, float]
     name_of: Mapping[int, str] | Sequence[str]
@@ -156,6 +175,8 @@ class LightKeywords(TypedDict, total=False):
     annotate: str | Sequence[str] | None
     slices: str | Sequence[str]
     slice: str | Sequence[str]
+    measures: Any
+    measure: Any
 
 class CheckKeywords(TypedDict, total=False):
     """Keywords of `Check`."""
@@ -196,6 +217,8 @@ class PictureKeywords(
     slice: str | Sequence[str]
     slice_planes: str | Sequence[Any]
     slice_plane: str | Sequence[Any]
+    measures: Any
+    measure: Any
     labels: Any
     clip_meshes: bool
     caps: Literal["plain", "volume"]

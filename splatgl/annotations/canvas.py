@@ -424,6 +424,19 @@ class Measure:
         check_options(self)
 
     @classmethod
+    def of(cls, value: Any) -> Measure:
+        """The measure of a Measure, of points, or of text. Raises ValueError for others."""
+        if isinstance(value, str):
+            return cls.read(value)
+        return value if isinstance(value, Measure) else cls(_points(value))
+
+    @classmethod
+    def read(cls, text: str) -> Measure:
+        """The measure of [NAME=]X,Y,Z:X,Y,Z[:X,Y,Z]. Raises ValueError for other text."""
+        name, _, points = text.rpartition("=")
+        return cls(_points([ValueKind.numbers(3, "").read(point) for point in points.split(":")]), name.strip())
+
+    @classmethod
     def of_table(cls, what: str, table: Any) -> Measure:
         """The entry of a table of a scene file. Raises InputError for unknown keys and bad values."""
         if not isinstance(table, Mapping) or "points" not in table:

@@ -74,7 +74,7 @@ def add_drawing(parser: argparse.ArgumentParser, backend: str = "auto", size: st
     add_transfer(parser)
     add_options(parser, TransferChoice, "color_of", "window_of")
     add_options(parser, SceneFile, "clip", "crop", "mask", "uncut", "scissors", "layers", "meshes", "slice_planes")
-    add_options(parser, SceneFile, "surfaces")
+    add_options(parser, SceneFile, "surfaces", "measures")
     group = group_of(parser, HelpGroup.LAYERS)
     labels: Any = group.add_argument(
         "--labels", metavar="FILE|NAME", help="segmentation to draw: a file, or a name in OME-Zarr"

@@ -128,6 +128,11 @@ def _annotations(value: Any) -> tuple[str, ...]:
     return parse_annotations(value) if isinstance(value, str) else check(value)
 
 
+def _measures(value: Any) -> tuple[Measure, ...]:
+    single = isinstance(value, str | Measure)
+    return tuple(Measure.of(each) for each in ([value] if single else value))
+
+
 def _clip(value: Any) -> tuple[Any, ...]:
     return (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)
 
@@ -244,7 +249,20 @@ class SceneFile:
     slice_planes: tuple[str, ...] = field(default=(), metadata={"option": SLICE_PLANES})
     vectors: Vectors = field(default_factory=Vectors)
     animation: Mapping[str, Any] = field(default_factory=dict)
-    measures: tuple[Measure, ...] = ()
+    measures: tuple[Measure, ...] = option(
+        (),
+        ValueKind(
+            "two points, or three for an angle, NAME= before them",
+            _measures,
+            Measure.read,
+            "X,Y,Z:X,Y,Z",
+            hint="Any",
+        ),
+        "distance between two points, or angle at the second of three; world units, with a name before =; repeatable",
+        group=HelpGroup.PICTURE,
+        flag="--measure",
+        repeat=True,
+    )
     held: Volume | None = None
     world: World = World()
     look: SeriesLook | None = None
@@ -363,6 +381,8 @@ class SceneFile:
         """
         scene_options = {name: options[name] for name in declared(SceneFile) if name in options}
         layers = (*self.layers, *map(SceneFile.of, several(scene_options.pop("layers", ()))))
+        if scene_options.get("measures") and "measures" not in (names := scene_options.get("annotate", self.annotate)):
+            scene_options["annotate"] = (*_annotations(names), "measures")
         transfer = {name: options[name] for name in names_of(Transfer) if name in options}
         for name, choice in declared(TransferChoice).items():
             if options.get(name) is not None:

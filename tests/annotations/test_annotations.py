@@ -673,3 +673,30 @@ def test_a_colour_bar_states_its_opacity_when_asked() -> None:
         assert any(text.startswith("opacity to 0.") for text in texts) == told
     with pytest.raises(InputError, match="colorbar=opacity to state the largest, got colorbar=3"):
         check(["colorbar=3"])
+
+
+def test_measures_of_every_door(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command, Python and a scene file draw the same lines; measures draw themselves."""
+    monkeypatch.chdir(tmp_path)
+    np.save("v.npy", np.indices((8, 8, 8))[0].astype(np.uint8))
+    points = ((1.0, 1.0, 1.0), (6.0, 1.0, 5.0))
+    flags = ["--size", "128", "--check", "0", "-o", "a.npy"]
+    assert main(["render", "v.npy", *flags, "--measure", "side=1,1,1:6,1,5"]) == 0
+    by_command = np.load("a.npy")
+    measure = Measure(points, "side")
+    image = sg.render("v.npy", size=128, measures=[measure])
+    assert image.info["annotated"] == ["measures"] and np.array_equal(image.pixels, by_command)
+    scene = SceneFile("v.npy").with_options(size=(128, 128), measures=[measure], annotate="axes")
+    assert scene.annotate == ("axes", "measures")
+    (tmp_path / "a.toml").write_text(
+        SceneFile("v.npy").with_options(size=(128, 128), measures=measure).to_toml(tmp_path)
+    )
+    assert np.array_equal(sg.render("a.toml").pixels, by_command)
+    assert not np.array_equal(sg.render("v.npy", size=128).pixels, by_command)
+    assert sg.render("v.npy", size=128, measures=[points]).info["not_annotated"] == []
+
+
+@pytest.mark.parametrize("text", ["1,2,3", "1,2,3:4,5", "1,2,3:4,5,6:7,8,9:1,1,1", "a=", "x,y,z:1,2,3"])
+def test_other_measures_are_refused(text: str) -> None:
+    with pytest.raises(InputError, match="measures: expected two points, or three for an angle"):
+        SceneFile("v.npy").with_options(measures=[text])
