@@ -381,8 +381,9 @@ class SceneFile:
         """
         scene_options = {name: options[name] for name in declared(SceneFile) if name in options}
         layers = (*self.layers, *map(SceneFile.of, several(scene_options.pop("layers", ()))))
-        if scene_options.get("measures") and "measures" not in (names := scene_options.get("annotate", self.annotate)):
-            scene_options["annotate"] = (*_annotations(names), "measures")
+        if scene_options.get("measures") is not None:
+            names = _annotations(scene_options.get("annotate", self.annotate))
+            scene_options["annotate"] = names if "measures" in names else (*names, "measures")
         transfer = {name: options[name] for name in names_of(Transfer) if name in options}
         for name, choice in declared(TransferChoice).items():
             if options.get(name) is not None:
