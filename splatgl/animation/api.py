@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from splatgl.animation.animation import Animation, FrameFiles, Timeline
 from splatgl.animation.movie import need, volumes, write_behind
 from splatgl.coercion import public
+from splatgl.data.arrays import time_points_of
 from splatgl.errors import USER_ERRORS, error_prefix, expected
 from splatgl.fileio import check_source, within, write_file
 from splatgl.options import OptionGroup, is_number, keyword, keywords_of, names_of, non_default
@@ -58,8 +59,8 @@ def animate(
 ) -> list[Path]:
     """Draws frames or a movie with the defaults of `splatgl animate`; returns the files: one movie, or the frames.
 
-    x: as of `render`, not splats, scenes or plotters; or a list: a series in time, as are the files of a pattern, and
-    the time points of a file, or some of them: time=slice(0, 20, 2). output: frames/{frame:04d}.png or .npy, or a name
+    x: as of `render`, not splats, scenes or plotters; or a list: a series in time, as are the files of a pattern, the
+    time points of an xarray, and those of a file, or some of them: time=slice(0, 20, 2). output: frames/{frame:04d}.png or .npy, or a name
     that ends in .mp4, .webm or .gif. transfer, settings: as of `render`.
     options: those of `render`, and frames (their number), draft (draw faster), turntable (total angle in degrees, 360
     by default), spin (degrees a frame), axis, keyframes (a file or its table), hold (frames for each volume of a
@@ -71,7 +72,7 @@ def animate(
     sg.animate("head.nii.gz", "turn.gif", frames=8, size=64)
     ```
     """
-    items = list(x) if isinstance(x, list | tuple) else [x]
+    items = list(x) if isinstance(x, list | tuple) else time_points_of(x)
     if not items:
         raise expected("animate", "volumes, arrays or files", "an empty list")
     if "camera" in options:

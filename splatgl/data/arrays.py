@@ -88,6 +88,14 @@ def of_xarray(x: Any, options: ArrayOptions) -> Volume:
     return grid.volume(samples, "coordinates", name=title, value_unit=value_unit_name(array.attrs.get("units")))
 
 
+def time_points_of(x: Any) -> list[Any]:
+    """The time points of an array or Dataset of xarray with one dimension of time; else the object alone."""
+    if not hasattr(x, "isel") or not hasattr(x, "dims"):
+        return [x]
+    times = [name for name in x.dims if _dimension_kind(x, name) == "time"]
+    return [x.isel({times[0]: number}) for number in range(x.sizes[times[0]])] if len(times) == 1 else [x]
+
+
 def _variable(x: Any, options: ArrayOptions) -> Any:
     """The DataArray: x itself, or one of a Dataset."""
     if not hasattr(x, "data_vars"):

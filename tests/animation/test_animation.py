@@ -871,3 +871,20 @@ def test_patterns_in_folders_with_brackets(here: Path) -> None:
     assert animate("run [1]/t*.npy", "-o", "out [2]{frame}.png") == 0 and Path("out [2]1.png").is_file()
     with pytest.raises(sg.InputError, match="the file's name alone"):
         expanded(["run [12]/t*.npy"])
+
+
+def test_time_points_of_xarray_are_a_series(tmp_path: Path) -> None:
+    """In any order of the dimensions, of arrays and datasets; as a list of them."""
+    xarray = pytest.importorskip("xarray", reason="xarray is in the extra arrays")
+    samples = np.random.default_rng(0).random((3, 4, 5, 6))
+    data = xarray.DataArray(samples, dims=("time", "z", "y", "x"), name="heat")
+    steps = [data.isel(time=number) for number in range(3)]
+    frames = {"list": steps, "array": data, "last": data.transpose("z", "y", "x", "time"), "set": data.to_dataset()}
+    found = {}
+    for name, x in frames.items():
+        files = sg.animate(x, tmp_path / name / "{frame}.png", size=32, turntable=0)
+        found[name] = [sg.Image.load(file).pixels for file in files]
+    assert len(found["list"]) == 3
+    assert all(np.array_equal(pictures, found["list"]) for pictures in found.values())
+    with pytest.raises(sg.InputError, match="3 dimensions, got 4"):
+        sg.render(data)
