@@ -60,8 +60,8 @@ def animate(
     """Draws frames or a movie with the defaults of `splatgl animate`; returns the files: one movie, or the frames.
 
     x: as of `render`, not splats, scenes or plotters; or a list: a series in time, as are the files of a pattern, the
-    time points of an xarray, and those of a file, or some of them: time=slice(0, 20, 2). output: frames/{frame:04d}.png or .npy, or a name
-    that ends in .mp4, .webm or .gif. transfer, settings: as of `render`.
+    time points of an xarray, and those of a file, or some of them: time=slice(0, 20, 2). output: frames/{frame:04d}.png
+    or .npy, or a name that ends in .mp4, .webm or .gif. transfer, settings: as of `render`.
     options: those of `render`, and frames (their number), draft (draw faster), turntable (total angle in degrees, 360
     by default), spin (degrees a frame), axis, keyframes (a file or its table), hold (frames for each volume of a
     series), flow, only (the first and the last frame to draw), fps, bits (8 or 16), resume (keep frames that exist),
