@@ -28,12 +28,11 @@ from splatgl.readers.common import decoder_errors, find_data_file, map_array, re
 from splatgl.readers.heightmap import HEIGHTS, HeightMetadata, classify_picture, grey_heights, make_plane, make_terrain
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import (
-    Planes,
     calibrate,
     find_calibration,
     find_channels,
+    find_files,
     find_pixels,
-    list_planes,
     list_series,
     plane_step,
     read_survey,
@@ -64,7 +63,6 @@ class _Series:
     is_color: bool
     is_compressed: bool
     bits: int
-    segments: tuple[tuple[int, int], ...]
     grid: Grid
 
     @property
@@ -90,69 +88,30 @@ def read(path: Path, options: LoadOptions) -> Volume:
     with logged_errors(), ExitStack() as stack:
         tiff = stack.enter_context(open_tiff(path))
         with decoder_errors("TIFF"):
-            if tiff.ome_metadata:
-                check_ome(parse_xml(tiff.ome_metadata, "OME-XML"))
-            listed = list_planes(tiff.ome_metadata, path.name) if "FileName" in (tiff.ome_metadata or "") else None
-        if listed is not None:
-            return _read_files(path, tiff, *listed, options)
+            root = parse_xml(tiff.ome_metadata, "OME-XML") if tiff.ome_metadata else None
+            if root is not None:
+                check_ome(root)
+        names = find_files(root, path.name)
+        if names:
+            for name in names:
+                if (path.parent / name).is_file():
+                    check_chain(find_data_file(path, name, options.anywhere))
+            tiff = stack.enter_context(open_tiff(path, is_several=True))
         with decoder_errors("TIFF"):
-            place, notes = select_image(tiff.series, options)
+            own = [n for n, series in enumerate(tiff.series) if _is_in(series, path)] if names else []
+            chosen = replace(options, series=own[0] + 1) if len(own) == 1 and options.series is None else options
+            place, notes = select_image(tiff.series, chosen)
             pixels = find_pixels(tiff, place)
             survey = read_survey(tiff.series[place].keyframe)
         image = _Image(path, tiff, place, pixels, survey)
         volume = _read_image(image, options)
+        notes += (f"planes are in {len(names)} files of the folder",) * bool(names)
         return replace(volume, notes=(*notes, *_ignored_notes(image), *volume.notes))
 
 
-def _read_files(path: Path, tiff: Any, pixels: Element, planes: Planes, options: LoadOptions) -> Volume:
-    """The volume of an image of OME-TIFF in several files of a folder; planes of files that are not there are 0."""
-    for name in ("array", "level", "series"):
-        options.reject(name, "one image in one file")
-    check_page(tiff.pages[0])
-    with decoder_errors("OME-XML"):
-        channels, times, depth, *size = (int(pixels.get(f"Size{axis}", 1)) for axis in "CTZYX")
-        spacing, unit = _ome_grid(pixels)
-        channel_set = find_channels(tiff, pixels, "CTZYX", (channels, times, depth, *size))
-    dtype, shape = np.dtype(tiff.pages[0].dtype).newbyteorder("="), tuple(tiff.pages[0].shape)
-    if shape != tuple(size):
-        raise expected("planes", f"{tuple(size)} by OME's metadata", shape, "the metadata are of another file")
-    there = {name: (path.parent / name).is_file() for name, _ in planes.values()}
-    lost = channels * times * depth - sum(there[name] for name, _ in planes.values())
-    notes = [f"planes are in {len(there)} files of the folder"]
-    notes += [f"{lost} planes are in missing files, and are rendered as 0"] * bool(lost)
-
-    def read_one(channel: int | None) -> Volume:
-        require_memory(byte_count((depth, *shape), dtype), path.stat().st_size * len(there))
-        samples = np.zeros((depth, *shape), dtype)
-        wanted: dict[str, dict[int, int]] = {}
-        for (c, t, z), (name, number) in planes.items():
-            if (c, t) == (channel or 0, options.point) and there[name]:
-                wanted.setdefault(name, {})[number] = z
-        for name, pages in wanted.items():
-            for number, plane in _read_pages(find_data_file(path, name, options.anywhere), sorted(pages)):
-                if plane.shape != shape or plane.dtype.newbyteorder("=") != dtype:
-                    got = f"{plane.dtype} {plane.shape}"
-                    raise expected(name, f"planes as in {path.name}, {dtype} {shape}", got, "move it elsewhere")
-                samples[pages[number]] = plane
-        return Volume(samples, spacing, unit=unit)
-
-    volume = mark_microscope(channel_set.volume(options, read_one))
-    return replace(volume, notes=(*notes, *volume.notes))
-
-
-def _read_pages(file: Path, numbers: Sequence[int]) -> Iterator[tuple[int, np.ndarray]]:
-    """The numbers and samples of pages of a file."""
-    check_chain(file)
-    with logged_errors(), open_tiff(file) as tiff, decoder_errors(f"TIFF ({file.name})"):
-        if numbers[-1] >= len(tiff.pages):
-            raise expected(file.name, f"at least {numbers[-1] + 1} pages", len(tiff.pages), "it is cut short")
-        pages = [tiff.pages[number] for number in numbers]
-        for page in pages:
-            check_page(page)
-        check_before_decoding(pages)
-        for number, page in zip(numbers, pages, strict=True):
-            require_memory(byte_count(page.shape, page.dtype), file.stat().st_size)
-            yield number, np.asarray(page.asarray())
+def _is_in(series: Any, path: Path) -> bool:
+    """Whether a plane of tifffile's series is in the file."""
+    return any(page is not None and page.parent.filehandle.name == path.name for page in series.pages)
 
 
 @dataclass(frozen=True)
@@ -189,6 +148,8 @@ def _ignored_notes(image: _Image) -> list[str]:
         notes.append("OME's metadata name other files, or planes that are not here: only this one's pages are read")
     if image.pixels is not None and (note := plane_step(image.pixels)[2]):
         notes.append(note)
+    lost = sum(page is None for page in image.series.pages)
+    notes += [f"{lost} planes are missing, and are rendered as 0"] * bool(lost)
     dpi, survey = tiff_dpi(image.series.keyframe), image.survey
     if resolution_grid(dpi)[0][1] and stated_grid(image.tiff, image.pixels) is None and not (survey and survey.step):
         notes.append(resolution_grid(dpi)[1])
@@ -223,8 +184,6 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
     if number >= len(levels) or (options.level is not None and len(levels) == 1):
         this = f"a number from 0 to {len(levels) - 1}" if len(levels) > 1 else "a multiscale image"
         raise expected("level", this, number)
-    for series in levels:
-        _check_bytes(path, series)
     series = levels[number]
     z = _stack_axis(series)
     if z is None or (_band_axis(image, series) == z and series.shape[z] <= _MOST_BANDS):
@@ -232,23 +191,18 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
     _reject_options(series, z, options)
     size = byte_count(series.shape, series.dtype)
     large = len(levels) > 1 and series.offset is None and size > held_within_budget(WHOLE_BYTES)
-    times = dict(zip(series.axes, series.shape, strict=True)).get("T", 1)
-    time = options.time_number(times) if times > 1 else 0
-    pixels = None if large else _read_pixels(image, series, number, time)
 
     def read_one(channel: int | None) -> Volume:
         colored = _is_rgb(series) and (channel is None or _is_channelled(series))
         index = _index(series, z, replace(options, channel=0 if channel is None and colored else channel))
-        # the pixels may be of one time point only
-        sizes = zip(index, series.shape if pixels is None else pixels.shape, strict=True)
-        here = tuple(at if size > 1 or isinstance(at, slice) else 0 for at, size in sizes)
-        (samples,) = (
-            read_in_parts(path, image.place, [number], series.axes, index) if pixels is None else [pixels[here]]
-        )
-        samples = samples if pixels is None or colored else values_of(samples, tiff)
+        if colored and not large:
+            samples, color = _read_colors(image, series, number, index)
+            return replace(_level_volume(samples, series, levels[0]), color=color)
+        if large:
+            (samples,) = read_in_parts(path, image.place, [number], series.axes, index)
+        else:
+            samples = values_of(_read_pixels(image, series, number, index), tiff)
         volume = _level_volume(_mask_missing(samples, image.survey), series, levels[0])
-        if pixels is not None and colored:
-            return _with_colors(volume, pixels, here, series)
         if options.level is not None or len(levels) == 1:
             return volume
         others = [n for n, level in enumerate(levels) if n and _is_coarser_level(level, series)]
@@ -329,13 +283,13 @@ def _is_channelled(series: _Series) -> bool:
     return "C" in (series.axes[axis] for axis in series.long)
 
 
-def _with_colors(volume: Volume, pixels: np.ndarray, index: tuple[int | slice, ...], series: _Series) -> Volume:
-    """The volume with colours, and their luma as samples. index: of one component."""
+def _read_colors(
+    image: _Image, series: _Series, level: int, index: tuple[int | slice, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Luma and colours. index: of one component."""
     axis = series.axes.index("S")
-    every = (*index[:axis], slice(None), *index[axis + 1 :])
-    values = np.moveaxis(pixels[every], sum(isinstance(at, slice) for at in index[:axis]), -1)
-    samples, color = split_colors(values)
-    return replace(volume, samples=samples, color=color)
+    values = _read_pixels(image, series, level, (*index[:axis], slice(None), *index[axis + 1 :]))
+    return split_colors(np.moveaxis(values, sum(isinstance(at, slice) for at in index[:axis]), -1))
 
 
 def _is_coarser_level(level: _Series, finest: _Series) -> bool:
@@ -384,51 +338,62 @@ class _FirstError(logging.Handler):
 
 def _describe_level(series: Any, image: _Image, plane: bool) -> _Series:
     """Describes a level. plane: whether a single picture is a plane of a stack."""
-    _check_codec(series)
     pages = [page for page in series.pages if page is not None]
+    _check_codec(series, pages)
     check_before_decoding(pages)
-    segments = tuple(pair for page in pages for pair in zip(page.dataoffsets, page.databytecounts, strict=True))
     axes, shape = series.axes, tuple(series.shape)
     if min(shape, default=0) < 1:
         raise expected("size", "at least one entry along each axis", f"{axes} {shape}", "the header is damaged")
     if plane and {"Y", "X"} <= set(axes) <= set("TCYXS"):
         at = axes.index("Y")
         axes, shape = f"{axes[:at]}Z{axes[at:]}", (*shape[:at], 1, *shape[at:])
-    return _Series(
+    level = _Series(
         axes=axes,
         shape=shape,
         dtype=np.dtype(series.dtype).newbyteorder(image.tiff.byteorder),
-        offset=series.dataoffset,
+        offset=None if series.is_multifile else series.dataoffset,
         is_color=series.keyframe.photometric.name in ("RGB", "YCBCR", "CIELAB", "SEPARATED"),
         is_compressed=series.keyframe.compression != 1,
         bits=int(np.max(series.keyframe.bitspersample)),
-        segments=segments,
         grid=_grid(image),
     )
+    if level.offset is None:
+        _check_bytes(level, pages, series.is_multifile)
+    return level
 
 
-def _check_codec(series: Any) -> None:
-    """Raises InputError for a page that `check_page` refuses, and for pages and strips that are not there."""
-    check_page(series)
-    pages = [page for page in series.pages if page is not None]
+def _check_codec(series: Any, pages: Sequence[Any]) -> None:
+    """Raises InputError for a page that `check_page` refuses, for other pages than the first, and for pages and strips
+    that are not there.
+    """
+    first = series.keyframe
+    for frame in {id(page.keyframe): page.keyframe for page in (series, *pages)}.values():
+        check_page(frame)
+        if (frame.shape, frame.dtype) != (first.shape, first.dtype):
+            got = f"{frame.dtype} {frame.shape}"
+            raise expected(
+                frame.parent.filehandle.name, f"planes of {first.dtype} {first.shape}", got, "move it elsewhere"
+            )
     if len(series.pages) > _FREE_PLANES + _PLANES_PER_PAGE * len(pages):
         raise expected("planes", f"about the file's {len(pages)} pages", len(series.pages), "save it whole in one file")
-    strips, there = math.prod(series.keyframe.chunked), min(len(page.dataoffsets) for page in pages)
+    strips, there = math.prod(first.chunked), min(len(page.dataoffsets) for page in pages)
     if strips > there:
         raise expected("strips or tiles", f"{strips} a page", there, "the header is damaged")
 
 
-def _check_bytes(path: Path, series: _Series) -> None:
-    """Raises InputError unless all strips lie in the file and can hold the samples."""
-    if series.offset is not None:
-        return
-    require_bytes(max((start + count for start, count in series.segments), default=0), path.stat().st_size)
-    needed, stored = byte_count(series.shape, series.dtype), sum(count for _, count in series.segments)
-    if series.is_compressed:
-        require_plausible(needed, stored, bounded=False)
-    else:
+def _check_bytes(series: _Series, pages: Sequence[Any], is_several: bool) -> None:
+    """Raises InputError unless all strips of pages lie in their files and can hold the samples; of several files some may
+    be missing.
+    """
+    for page in pages:
+        ends = map(sum, zip(page.dataoffsets, page.databytecounts, strict=True))
+        require_bytes(max(ends, default=0), page.parent.filehandle.size)
+    stored, samples = sum(sum(page.databytecounts) for page in pages), math.prod(series.shape)
+    require_plausible(byte_count(series.shape, series.dtype), stored, bounded=False)
+    if not series.is_compressed:
         # samples of 1 to 31 bits may be packed
-        require_bytes(min(needed, math.prod(series.shape) * series.bits // 8), stored)
+        bits = min(series.dtype.itemsize * 8, series.bits)
+        require_bytes((math.prod(pages[0].shape) * len(pages) if is_several else samples) * bits // 8, stored)
 
 
 def _stack_axis(series: _Series) -> int | None:
@@ -459,21 +424,29 @@ def _index(series: _Series, z: int, options: LoadOptions) -> tuple[int | slice, 
     return options.index(series.shape, picked)
 
 
-def _read_pixels(image: _Image, series: _Series, level: int, time: int = 0) -> np.ndarray:
-    """All samples [series.shape]; only of one time point if it has separate pages that must be decoded."""
+def _read_pixels(
+    image: _Image,
+    series: _Series,
+    level: int,
+    index: tuple[int | slice, ...] = (...,),  # type: ignore[assignment]
+) -> np.ndarray:
+    """The samples at an index, all by default; only pages of it are decoded. Missing planes are 0."""
     if series.offset is not None:
-        return map_array(image.path, series.offset, series.dtype, series.shape)
+        return map_array(image.path, series.offset, series.dtype, series.shape)[index]
     with decoder_errors("TIFF"):
         pages_of = image.series.levels[level]
-        ahead, at = pages_of.shape[: -len(pages_of.keyframe.shape)], pages_of.axes.find("T")
-        if 0 <= at < len(ahead) and math.prod(ahead) == len(pages_of):
-            pages = np.arange(len(pages_of)).reshape(ahead).take(time, axis=at).ravel().tolist()
-            if all(pages_of[page] is not None for page in pages):
-                shape = (*series.shape[:at], 1, *series.shape[at + 1 :])
-                require_memory(byte_count(shape, series.dtype), image.path.stat().st_size)
-                return np.asarray(image.tiff.asarray(key=pages, series=image.place, level=level)).reshape(shape)
-        require_memory(byte_count(series.shape, series.dtype), image.path.stat().st_size)
-        return np.asarray(pages_of.asarray()).reshape(series.shape)
+        ahead = len(pages_of.shape) - len(pages_of.keyframe.shape)
+        if index == (...,) or math.prod(pages_of.shape[:ahead]) != len(pages_of.pages):
+            require_memory(byte_count(series.shape, series.dtype), image.path.stat().st_size)
+            return np.asarray(pages_of.asarray()).reshape(series.shape)[index]
+        numbers = np.arange(len(pages_of.pages)).reshape(series.shape[:ahead])[index[:ahead]]
+        shape, pages = (*numbers.shape, *series.shape[ahead:]), numbers.ravel().tolist()
+        require_memory(byte_count(shape, series.dtype), image.path.stat().st_size)
+        if all(pages_of.pages[page] is None for page in pages):
+            samples = np.zeros(shape, series.dtype)
+        else:
+            samples = np.asarray(image.tiff.asarray(key=pages, series=image.place, level=level)).reshape(shape)
+        return samples[(*[slice(None)] * numbers.ndim, *index[ahead:])]
 
 
 def _grid(image: _Image) -> Grid:
@@ -549,11 +522,11 @@ def _ome_grid(pixels: Element) -> Grid:
 OTHER_KINDS = ("avs", "bif", "eer", "mmstack", "ndpi", "ndtiff", "philips", "qpi", "scn", "svs")
 
 
-def open_tiff(path: Path) -> Any:
-    """Opens the file in tifffile, without the other files that OME's metadata name."""
+def open_tiff(path: Path, is_several: bool = False) -> Any:
+    """Opens the file in tifffile. is_several: together with the other files that OME's metadata name."""
     tifffile = import_extra("tifffile", "TIFF files", "tifffile", "readers")
     with decoder_errors("TIFF"):
-        return _plain_class(tifffile.TiffFile)(path, _multifile=False)
+        return _plain_class(tifffile.TiffFile)(path, _multifile=is_several)
 
 
 @cache

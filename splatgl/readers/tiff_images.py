@@ -256,46 +256,24 @@ def find_pixels(tiff: Any, place: int) -> Element | None:
         return None
     nodes = [node for node in parse_xml(tiff.ome_metadata, "OME-XML").iter() if node.tag.endswith("}Pixels")]
     series = tiff.series[place]
-    first = next((page.index for page in series.pages if page is not None), None)
+    first = next((page for page in series.pages if page is not None), None)
     # images without pages are not in tiff.series: match by the first page
-    for node in nodes:
-        pages = [int(child.get("IFD", 0)) for child in node if child.tag.endswith("}TiffData")]
-        if len(nodes) > 1 and pages and min(pages) == first:
+    for node in nodes if first is not None and len(nodes) > 1 else ():
+        runs = [child for child in node if child.tag.endswith("}TiffData")]
+        if series.is_multifile:
+            name = first.parent.filehandle.name
+            runs = [run for run in runs if any(child.get("FileName") == name for child in run)]
+        if runs and min(int(run.get("IFD", 0)) for run in runs) == first.index:
             return node
     return nodes[min(place, len(nodes) - 1)] if nodes else None
 
 
-# (file's name, page) of planes by (channel, time, z)
-Planes = dict[tuple[int, int, int], tuple[str, int]]
-
-
-def list_planes(metadata: str, name: str) -> tuple[Element, Planes] | None:
-    """OME's element Pixels of the image that is in the file `name` and in others of its folder, and its planes; None if
-    no image is in several files, or its planes are colours.
-    """
-    for pixels in (node for node in parse_xml(metadata, "OME-XML").iter() if node.tag.endswith("}Pixels")):
-        colors = [node for node in pixels if node.tag.endswith("}Channel") and node.get("SamplesPerPixel", "1") != "1"]
-        planes = {} if colors else _planes_of(pixels, name)
-        names = {file for file, _ in planes.values()}
-        if len(names) > 1 and name in names and not any(set(file) & set("/\\") for file in names):
-            return pixels, planes
-    return None
-
-
-def _planes_of(pixels: Element, name: str) -> Planes:
-    """The planes that the elements TiffData list, each a run of pages; those without a name of a file are in `name`."""
-    order = pixels.get("DimensionOrder", "XYZCT")[2:]
-    sizes = [int(pixels.get(f"Size{axis}", 1)) for axis in order]
-    total, planes = math.prod(sizes), Planes()
-    for node in (node for node in pixels if node.tag.endswith("}TiffData")):
-        file = next((child.get("FileName") for child in node if child.tag.endswith("}UUID")), None) or name
-        # fastest first
-        first = np.ravel_multi_index([int(node.get(f"First{axis}", 0)) for axis in order], sizes, order="F")
-        page, count = int(node.get("IFD", 0)), int(node.get("PlaneCount", 1 if "IFD" in node.attrib else total))
-        for n in range(min(count, total - int(first), total - len(planes))):
-            place = dict(zip(order, np.unravel_index(int(first) + n, sizes, order="F"), strict=True))
-            planes[int(place["C"]), int(place["T"]), int(place["Z"])] = file, page + n
-    return planes
+def find_files(root: Element | None, name: str) -> set[str]:
+    """Names of the files, of one folder, that OME's metadata name beside the file `name`, and this; none without."""
+    nodes = () if root is None else root.iter()
+    names = {node.get("FileName") or name for node in nodes if node.tag.endswith("}UUID")}
+    is_beside = len(names) > 1 and name in names and not any(set(file) & set("/\\") for file in names)
+    return names if is_beside else set()
 
 
 # shares of a step between planes by which positions may differ from even ones, and from PhysicalSizeZ

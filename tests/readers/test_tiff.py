@@ -458,7 +458,7 @@ def test_ome_in_several_files(tmp_path: Path) -> None:
     volume = load(tmp_path / "t0_c0.ome.tif", channel="all", time=1)
     assert not np.asarray(volume.channels[0].samples).any()
     assert np.array_equal(volume.channels[1].samples, stack[1, 1])
-    assert "3 planes are in missing files, and are rendered as 0" in volume.notes
+    assert "3 planes are missing, and are rendered as 0" in volume.notes
 
 
 def test_ome_names_files_of_its_folder_only(tmp_path: Path) -> None:
