@@ -70,7 +70,7 @@ ASSUMED_FREE = 4 << 30
 
 def free_memory() -> int:
     """Free bytes of the system and of the control group; the machine's memory, or ASSUMED_FREE, if none is reported."""
-    measures = (_linux_memory, _psutil_memory, _windows_memory, _mac_memory, _machine_memory)
+    measures = (_linux_memory, _windows_memory, _mac_memory, _machine_memory)
     free = next((free for measure in measures if (free := measure()) is not None), ASSUMED_FREE)
     return max(min([free, *_group_memory()]), 0)
 
@@ -81,15 +81,6 @@ def _linux_memory() -> int | None:
         (line,) = (line for line in lines if line.startswith("MemAvailable:"))
         return int(line.split()[1]) << 10
     except (OSError, ValueError):
-        return None
-
-
-def _psutil_memory() -> int | None:
-    try:
-        import psutil
-
-        return int(psutil.virtual_memory().available)
-    except ImportError:
         return None
 
 

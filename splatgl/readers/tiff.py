@@ -177,7 +177,7 @@ def _orientation(page: Any) -> int:
 
 
 def _read_image(image: _Image, options: LoadOptions) -> Volume:
-    path, tiff = image.path, image.tiff
+    tiff = image.tiff
     with decoder_errors("TIFF"):
         levels = [_describe_level(level, image, image.is_plane(options)) for level in image.series.levels]
     number = options.level or 0
@@ -199,14 +199,14 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
             samples, color = _read_colors(image, series, number, index)
             return replace(_level_volume(samples, series, levels[0]), color=color)
         if large:
-            (samples,) = read_in_parts(path, image.place, [number], series.axes, index)
+            (samples,) = read_in_parts(image, [number], series.axes, index)
         else:
             samples = values_of(_read_pixels(image, series, number, index), tiff)
         volume = _level_volume(_mask_missing(samples, image.survey), series, levels[0])
         if options.level is not None or len(levels) == 1:
             return volume
         others = [n for n, level in enumerate(levels) if n and _is_coarser_level(level, series)]
-        coarser = zip(read_in_parts(path, image.place, others, series.axes, index), others, strict=True)
+        coarser = zip(read_in_parts(image, others, series.axes, index), others, strict=True)
         return replace(volume, coarser=tuple(_level_volume(samples, levels[n], series) for samples, n in coarser))
 
     with decoder_errors("TIFF"):
@@ -382,8 +382,8 @@ def _check_codec(series: Any, pages: Sequence[Any]) -> None:
 
 
 def _check_bytes(series: _Series, pages: Sequence[Any], is_several: bool) -> None:
-    """Raises InputError unless all strips of pages lie in their files and can hold the samples; of several files some may
-    be missing.
+    """Raises InputError unless all strips of pages lie in their files and can hold the samples; of several files some
+    may be missing.
     """
     for page in pages:
         ends = map(sum, zip(page.dataoffsets, page.databytecounts, strict=True))
@@ -535,19 +535,17 @@ def _plain_class(tiff_file: type) -> Any:
     return type("PlainTiff", (tiff_file,), {f"is_{kind}": False for kind in OTHER_KINDS})
 
 
-def read_in_parts(
-    path: Path, place: int, levels: Sequence[int], axes: str, index: Sequence[int | slice]
-) -> list[Chunked]:
-    """The parts of levels of an image that `index` leaves free. place: of the image in tiff.series. axes: of the index;
-    an axis that the series lacks has one entry. The file stays open as long as one part lives.
+def read_in_parts(image: _Image, levels: Sequence[int], axes: str, index: Sequence[int | slice]) -> list[Chunked]:
+    """The parts of levels of an image that `index` leaves free. axes: of the index; an axis that the series lacks has
+    one entry. The file stays open as long as one part lives.
     """
     zarr = import_extra("zarr", "multiscale TIFF files", "zarr", "readers")
-    file = OneFile(path, open_tiff(path))
+    file = OneFile(image.path, open_tiff(image.path, image.series.is_multifile))
     with decoder_errors("TIFF"):
-        series = file.file.series[place]
+        series = file.file.series[image.place]
         for level in levels:
             check_before_decoding(series.levels[level].pages)
         arrays = [zarr.open_array(series.aszarr(level=level), mode="r") for level in levels]
         names = [series.levels[level].axes for level in levels]
         turned = [TransposedChunks(*stored, axes) for stored in zip(arrays, names, strict=True)]
-    return [Chunked(str(path), array, index, file, "TIFF") for array in turned]
+    return [Chunked(str(image.path), array, index, file, "TIFF") for array in turned]

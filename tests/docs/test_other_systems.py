@@ -197,7 +197,6 @@ def test_the_look_at_hdf5_is_limited_where_it_can_be(monkeypatch: pytest.MonkeyP
 
 def test_memory_that_nobody_tells_is_assumed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(platforms, "Path", lambda name: Path("/nowhere") / name.lstrip("/"))
-    monkeypatch.setitem(sys.modules, "psutil", None)
     assert 2**28 < platforms.free_memory() < 2**50
     monkeypatch.delattr(os, "sysconf")
     assert platforms.free_memory() == platforms.ASSUMED_FREE and budget() == platforms.ASSUMED_FREE // 2
