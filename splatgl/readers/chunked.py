@@ -23,7 +23,6 @@ import numpy as np
 from splatgl.data.arrays import Key, Transposed
 from splatgl.errors import InputError, expected
 from splatgl.fileio import ALWAYS, PROCESS, atomic_write, budget, byte_count, format_bytes, held_within_budget
-from splatgl.readers.channels import magnitudes
 from splatgl.readers.common import decoder_errors
 from splatgl.readers.remote import cache_folder
 
@@ -311,15 +310,3 @@ _EVERY = (-math.inf, math.inf)
 def _one(numbers: np.ndarray | None, default: float) -> float:
     """The only number, else the default."""
     return default if numbers is None or numbers.size != 1 or math.isnan(numbers[0]) else float(numbers[0])
-
-
-@dataclass(frozen=True)
-class Magnitude:
-    """Packing of complex numbers, whose values are magnitudes; also of pairs named real and imag."""
-
-    def values(self, stored: np.ndarray) -> np.ndarray:
-        """Magnitudes, float32."""
-        return magnitudes(stored)
-
-
-AnyPacking = Packing | Magnitude

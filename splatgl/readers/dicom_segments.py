@@ -5,7 +5,7 @@ Segments that overlap are in several channels with a table each.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -57,8 +57,6 @@ CLOSED = ("CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
 MOST_BENT, SAME_HEIGHT, NEARLY = 0.1, 0.02, 0.9999
 # most points of contours
 MOST_POINTS = 10_000_000
-# planes of a segment by their numbers: bool [H, W]
-Planes = Mapping[int, np.ndarray]
 
 
 @dataclass(frozen=True)

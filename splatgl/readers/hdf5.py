@@ -45,9 +45,10 @@ from splatgl.readers.channels import (
     Channel,
     ChannelSet,
     is_color_rule,
+    magnitudes,
     split_components,
 )
-from splatgl.readers.chunked import CF_NUMBERS, Magnitude, Packing
+from splatgl.readers.chunked import CF_NUMBERS, Packing
 from splatgl.readers.common import array_fields, decoder_errors, require_bytes
 from splatgl.readers.hdf5_files import (
     MOST_VALUES,
@@ -112,7 +113,10 @@ def read_dataset(path: Path, dataset: Any, options: LoadOptions, notes: tuple[st
     channels = _find_channels(path, dataset, others, time, kinds, options)
     grid, frame = _grid(path, dataset, axes, options)
     name = dataset.name.rsplit("/", 1)[-1]
-    dtype = dataset.dtype if _read_packing(dataset) is None else np.dtype(np.float32)
+    is_complex = dataset.dtype.kind in "cV"
+    packing = None if is_complex else _read_packing(dataset)
+    values_of = magnitudes if is_complex else packing.values if packing else None
+    dtype = np.dtype(np.float32) if packing else dataset.dtype
     about = {"frame": frame, **array_fields(name, dtype, _value_unit(dataset), grid.unit)}
 
     def read_channel(channel: int | None) -> Volume:
@@ -120,9 +124,7 @@ def read_dataset(path: Path, dataset: Any, options: LoadOptions, notes: tuple[st
         picked |= dict.fromkeys(others, "channel") | ({} if time is None else {time: "time"})
         number = channel if channels.channels else options.channel_number(channels.components)
         index = replace(options, array=None, channel=number).index(dataset.shape, picked)
-        is_complex = dataset.dtype.kind in "cV"
-        packing = Magnitude() if is_complex else _read_packing(dataset)
-        samples: Any = read_samples(path, dataset, index, options.anywhere, packing)
+        samples: Any = read_samples(path, dataset, index, options.anywhere, values_of)
         if colors is not None:
             return _read_colors(grid, samples, axes, colors, about)
         volume = grid.volume(_transpose(samples, axes), "spacing", **about)
@@ -350,10 +352,6 @@ def _steps(numbers: np.ndarray | None, count: int, axes: list[int]) -> list[floa
     if numbers.size == count > 3:
         numbers = numbers[axes]
     return numbers.tolist() if numbers.size == 3 and (numbers > 0).all() else None
-
-
-# first bytes of the three versions
-STARTS = (b"CDF\x01", b"CDF\x02", b"CDF\x05")
 
 
 def read_netcdf(path: Path, options: LoadOptions) -> Volume:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from itertools import product
@@ -20,7 +20,7 @@ from splatgl.data.arrays import of_array
 from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, decode_text, held_within_budget
-from splatgl.readers.chunked import AnyPacking, Chunked, Stored
+from splatgl.readers.chunked import Chunked, Stored
 from splatgl.readers.common import (
     DEFLATE_RATIO,
     MAX_BYTES,
@@ -193,16 +193,20 @@ _STATED: dict[int, tuple[slice, Literal["little", "big"]]] = {
     **dict.fromkeys((32004, 32008), (slice(0, 8), "big")),
 }
 
+# values, float32, of stored numbers
+Unpack = Callable[[np.ndarray], np.ndarray]
+
 # least bytes that are read together, if the file's chunks are smaller
 _PART_BYTES = 2**20
 
 
 def read_samples(
-    path: Path, dataset: Any, index: Sequence[int | slice], anywhere: bool, packed: AnyPacking | None = None
+    path: Path, dataset: Any, index: Sequence[int | slice], anywhere: bool, values_of: Unpack | None = None
 ) -> np.ndarray | Chunked:
     """The part `index` of a dataset, as [D, H, W]: mapped, read, or from WHOLE_BYTES on read in parts.
 
-    Slices of the index begin at 0. Raises InputError for data that must not be decoded.
+    Slices of the index begin at 0. values_of: of stored numbers, float32; None: these are the values. Raises InputError
+    for data that must not be decoded.
     """
     is_hdf5 = hasattr(dataset, "id")
     if is_hdf5:
@@ -211,9 +215,9 @@ def read_samples(
         # links may lead to another file
         path = Path(dataset.file.filename)
     offset = dataset.id.get_offset() if is_hdf5 and not (dataset.external or dataset.chunks) else None
-    if offset is not None and packed is None:
+    if offset is not None and values_of is None:
         return map_array(path, int(offset), dataset.dtype, dataset.shape)[tuple(index)]
-    part = _ArraySource(path, dataset, index, packed)
+    part = _ArraySource(path, dataset, index, values_of)
     if byte_count(part.free, part.dtype) > held_within_budget(WHOLE_BYTES):
         return Chunked(str(path), part, part.index, part, part.form)
     if is_hdf5 and not anywhere:
@@ -281,12 +285,12 @@ def _is_available(code: int) -> bool:
 class _ArraySource(Stored):
     """An array with h5py's names for `Chunked`, and its file. Chunks of HDF5 are checked before HDF5 decodes them."""
 
-    def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: AnyPacking | None) -> None:
-        self.path, self.dataset, self.index, self.packed = path.resolve(), dataset, tuple(index), packed
+    def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], values_of: Unpack | None) -> None:
+        self.path, self.dataset, self.index, self.values_of = path.resolve(), dataset, tuple(index), values_of
         ends = zip(self.index, dataset.shape, strict=True)
         self.shape = tuple(size if isinstance(at, int) or at.stop is None else at.stop for at, size in ends)
         self.free = [size for size, at in zip(self.shape, self.index, strict=True) if isinstance(at, slice)]
-        self.dtype = np.dtype(np.float32) if packed else np.dtype(dataset.dtype)
+        self.dtype = np.dtype(np.float32) if values_of else np.dtype(dataset.dtype)
         self.stored = tuple(dataset.chunks or ())
         self.chunks = self._joined()
         self.fill_value, self.empty, self.checked = 0, False, False
@@ -316,11 +320,11 @@ class _ArraySource(Stored):
         return tuple(sizes)
 
     def _values(self, stored: np.ndarray) -> np.ndarray:
-        return stored if self.packed is None else self.packed.values(stored)
+        return stored if self.values_of is None else self.values_of(stored)
 
     def tag(self) -> str:
         """The path, size and time of the file, and the dataset in it."""
-        return f"{super().tag()} {self.dataset.name} {self.packed}"
+        return f"{super().tag()} {self.dataset.name}"
 
     def __getitem__(self, key: tuple[int | slice, ...]) -> np.ndarray:
         with decoder_errors(self.form):

@@ -25,6 +25,7 @@ from splatgl.readers.chunked import Chunked, Stored, file_tag
 from splatgl.readers.common import decoder_errors, parse_number
 from splatgl.readers.dicom_frames import MOST_TILES, picture_size
 from splatgl.readers.heightmap import PICTURES, open_picture
+from splatgl.readers.microscopes import Planes
 from splatgl.readers.ome_zarr import natural_key
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff import (
@@ -181,8 +182,14 @@ def _read_stack(files: Sequence[Path], first: np.ndarray) -> Volume:
     if first.ndim == 2 and size > held_within_budget(WHOLE_BYTES):
         for file in files:
             _check_same(file, *_describe_plane(file), files[0], first)
-        planes = _Planes(files, first)
-        return Volume(Chunked(str(files[0].parent), planes, [slice(None)] * 3, planes, "slices"))
+
+        def read_slice(index: tuple[int, ...]) -> np.ndarray:
+            plane = _read_plane(files[index[0]])
+            _check_same(files[index[0]], plane.shape, plane.dtype, files[0], first)
+            return plane
+
+        planes = Planes((len(files),), first.shape, first.dtype, read_slice)
+        return Volume(Chunked(str(files[0].parent), planes, [slice(None)] * 3, _Slices(files), "slices"))
     require_memory(size, sum(file.stat().st_size for file in files))
     samples = np.empty((len(files), *first.shape), first.dtype)
     for n, file in enumerate(files):
@@ -206,25 +213,15 @@ def _check_same(file: Path, shape: Shape, dtype: np.dtype | None, first_file: Pa
         raise expected(file.name, this, f"{shape[1]}×{shape[0]} {dtype}", "move it elsewhere")
 
 
-class _Planes(Stored):
-    """Slices as an array [D, H, W] that reads a slice when it is indexed, and their files."""
+class _Slices(Stored):
+    """The files of slices."""
 
-    fill_value = 0
-
-    def __init__(self, files: Sequence[Path], first: np.ndarray) -> None:
-        self.path, self.files, self.first = files[0].resolve(), files, first
-        self.shape, self.dtype = (len(files), *first.shape), first.dtype
-        self.chunks = (1, *first.shape)
+    def __init__(self, files: Sequence[Path]) -> None:
+        self.path, self.files = files[0].resolve(), files
 
     def tag(self) -> str:
         """Text that changes with any of the files."""
         return "\n".join(file_tag(file.resolve()) for file in self.files)
-
-    def __getitem__(self, index: Any) -> np.ndarray:
-        planes = [_read_plane(self.files[n]) for n in range(len(self.files))[index[0]]]
-        for file, plane in zip(self.files[index[0]], planes, strict=True):
-            _check_same(file, plane.shape, plane.dtype, self.files[0], self.first)
-        return np.stack(planes)[(slice(None), *index[1:])]
 
 
 def _read_plane(file: Path) -> np.ndarray:
