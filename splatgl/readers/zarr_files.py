@@ -28,48 +28,28 @@ from splatgl.readers.contents import ZARR
 from splatgl.readers.remote import MOST_METADATA
 
 
-class ZipPath:
-    """A file or folder in a zip, with what readers of stores use of a `Path`."""
-
-    def __init__(self, archive: zipfile.ZipFile, file: Path, name: str = "") -> None:
-        self.archive, self.file, self.path = archive, file, name
-
-    def __truediv__(self, name: str) -> ZipPath:
-        return ZipPath(self.archive, self.file, f"{self.path}/{name}".strip("/"))
+class ZipPath(zipfile.Path):
+    """A file or folder in a zip, with what readers of stores use of a `Path` beside."""
 
     def __str__(self) -> str:
-        return str(self.file)
-
-    @property
-    def name(self) -> str:
-        """The last part of the name."""
-        return self.path.rsplit("/", 1)[-1]
+        return str(self.root.filename)
 
     def resolve(self) -> ZipPath:
         """The path itself."""
         return self
 
-    def is_file(self) -> bool:
-        """Whether the zip has that file."""
-        return self.path in self.archive.NameToInfo
-
     def stat(self) -> Any:
         """The unpacked size, as st_size."""
-        return SimpleNamespace(st_size=self.archive.NameToInfo[self.path].file_size)
-
-    def open(self, _mode: str = "rb") -> Any:
-        """Opens the file."""
-        return self.archive.open(self.path)
+        return SimpleNamespace(st_size=self.root.getinfo(self.at).file_size)
 
     def rglob(self, _pattern: str) -> Iterator[ZipPath]:
         """All files below."""
-        inside = f"{self.path}/" if self.path else ""
-        names = (name for name in self.archive.NameToInfo if name.startswith(inside) and not name.endswith("/"))
-        return (ZipPath(self.archive, self.file, name) for name in names)
+        names = (name for name in self.root.namelist() if name.startswith(self.at) and not name.endswith("/"))
+        return (ZipPath(self.root, name) for name in names)
 
     def tag(self) -> str:
         """Text that changes with the contents."""
-        return f"{file_tag(self.file.resolve())} {self.path}"
+        return f"{file_tag(Path(str(self)).resolve())} {self.at}"
 
 
 def open_zip(path: Path) -> tuple[Any, ZipPath, str]:
@@ -95,7 +75,7 @@ def open_zip(path: Path) -> tuple[Any, ZipPath, str]:
     roots = sorted(folder for folder in folders if folder.count("/") + bool(folder) == least)
     if len(roots) != 1:
         raise expected("zip", "one Zarr store", list_names(roots) or "other files", "unpack it and name the store")
-    return store, ZipPath(archive, path), roots[0]
+    return store, ZipPath(archive), roots[0]
 
 
 Fetch = Callable[[Sequence[str]], None]
