@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -17,7 +17,7 @@ import numpy as np
 from splatgl.data.affine import value_unit_name
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.readers.common import require_plausible
-from splatgl.readers.dicom_vendors import SIEMENS_TAGS, SUV, SUV_TAGS, Mosaic, find_mosaic, is_angiogram, suv_factor
+from splatgl.readers.dicom_vendors import SUV, Mosaic, find_mosaic, is_angiogram, suv_factor
 
 SUFFIXES = (".dcm", ".dicom", ".ima")
 MAGIC, MAGIC_AT = b"DICM", 128
@@ -176,24 +176,6 @@ Numbers = tuple[float, ...]
 
 # bits of a byte
 _BYTE = 8
-# (0028,xxxx) and the pixels' tags are for the decoder; the others for the grid, the order and the list of series
-TAGS = """
-    SpecificCharacterSet SOPClassUID AcquisitionDate AcquisitionTime Modality SeriesDescription SliceThickness
-    SpacingBetweenSlices TriggerTime EchoTime DiffusionBValue SeriesInstanceUID SeriesNumber AcquisitionNumber
-    InstanceNumber ImagePositionPatient ImageOrientationPatient TemporalPositionIdentifier ImagerPixelSpacing
-    DetectorInformationSequence SharedFunctionalGroupsSequence PerFrameFunctionalGroupsSequence
-    GridFrameOffsetVector FrameIncrementPointer SliceVector TimeSlotVector TimeSliceVector PhaseVector RRIntervalVector
-    FrameTime FrameTimeVector CineRate RecommendedDisplayFrameRate PhaseInformationSequence
-    PixelAspectRatio SequenceOfUltrasoundRegions NominalScannedPixelSpacing EnergyWindowVector DetectorVector ImageType
-    DoseGridScaling SamplesPerPixel PhotometricInterpretation
-    PlanarConfiguration NumberOfFrames Rows Columns PixelSpacing BitsAllocated BitsStored HighBit PixelRepresentation
-    PixelPaddingValue PixelPaddingRangeLimit FloatPixelPaddingValue FloatPixelPaddingRangeLimit
-    DoubleFloatPixelPaddingValue DoubleFloatPixelPaddingRangeLimit RescaleIntercept RescaleSlope RescaleType Units
-    RealWorldValueMappingSequence ModalityLUTSequence DoseUnits FrameReferenceTime AngioFlag AcquisitionContrast
-    RedPaletteColorLookupTableDescriptor GreenPaletteColorLookupTableDescriptor
-    BluePaletteColorLookupTableDescriptor RedPaletteColorLookupTableData GreenPaletteColorLookupTableData
-    BluePaletteColorLookupTableData ExtendedOffsetTable ExtendedOffsetTableLengths"""
-
 # tag of the rows of the first overlay
 OVERLAY = 0x60000010
 
@@ -273,12 +255,11 @@ def dicom_errors() -> Iterator[None]:
         raise InputError(f"cannot be read as DICOM ({type(error).__name__}); the file is damaged") from error
 
 
-def read_dataset(file: LimitedFile, more: Sequence[str] = ()) -> Any:
-    """Reads TAGS and `more` tags; the file is at the pixels' element afterwards, or at its end."""
+def read_dataset(file: LimitedFile) -> Any:
+    """Reads the header; the file is at the pixels' element afterwards, or at its end."""
     pydicom = import_extra("pydicom", "DICOM files", "pydicom", "dicom")
     with dicom_errors():
-        names: list[Any] = [*TAGS.split(), *SUV_TAGS, *more, OVERLAY, SIEMENS_B, *SIEMENS_TAGS]
-        tags: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True, specific_tags=names)
+        tags: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True)
         if "TransferSyntaxUID" not in tags.file_meta:
             implicit, little = tags.original_encoding
             uid = pydicom.uid

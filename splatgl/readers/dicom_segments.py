@@ -31,16 +31,9 @@ from splatgl.readers.dicom_headers import (
     dicom_errors,
     finite_numbers,
     plain_text,
-    read_dataset,
     read_header,
 )
 from splatgl.readers.options import LoadOptions
-
-# kinds of files that are read here, and their tags besides those of images
-TAGS = {
-    "SEG": ("SegmentSequence", "SegmentationType", "MaximumFractionalValue"),
-    "RTSTRUCT": ("StructureSetROISequence", "ROIContourSequence"),
-}
 
 # most channels for segments that overlap, and most segments of a file
 MOST_LAYERS, MOST_SEGMENTS = 8, 4096
@@ -73,9 +66,7 @@ def read(source: DicomSource, kind: str, options: LoadOptions) -> Volume:
     """The labels of a segmentation or of contours; `channel` picks one if overlapping segments take several."""
     if options.array is not None or options.series is not None:
         raise expected("array and series", "no value for segments", "one", "pick segments by --only-labels")
-    with source.open() as file:
-        tags = read_dataset(file, TAGS[kind])
-    head, _ = read_header(source)
+    head, tags = read_header(source)
     with dicom_errors():
         table = _segment_labels(tags) if kind == "SEG" else _region_labels(tags)
         grid, masks, notes = (_frame_masks if kind == "SEG" else _contour_masks)(head, tags, table)

@@ -20,7 +20,6 @@ import numpy as np
 from splatgl.data.volume import Hints
 
 COUNT, MATRIX, CSA = 0x0019100A, 0x0051100B, 0x00291010
-SIEMENS_TAGS = (COUNT, MATRIX, CSA)
 # most slices of a mosaic
 MOST_TILES = 1024
 # entry of a CSA header: name, multiplicity, type, code, number of items, code
@@ -157,12 +156,8 @@ def _read_entry(data: bytes, at: int, layout: tuple[int, int], first: int) -> tu
     return (title.split(b"\0")[0].decode("latin-1"), many, texts, at) if mark in _MARKS else None
 
 
-# tags that are read beside those of other images; Philips' factors from stored values to SUV and to Bq/ml
+# Philips' factors from stored values to SUV and to Bq/ml
 PHILIPS_SUV, PHILIPS_ACTIVITY = 0x70531000, 0x70531009
-SUV_TAGS: tuple[str | int, ...] = (
-    *("PatientWeight", "RadiopharmaceuticalInformationSequence", "DecayCorrection", "CorrectedImage", "SUVType"),
-    *("SeriesDate", "SeriesTime", "AcquisitionDate", PHILIPS_SUV, PHILIPS_ACTIVITY),
-)
 SUV = "values are SUV by body weight"
 # least plausible injected dose in Bq: some programs write megabecquerels
 _LEAST_DOSE = 1e5
