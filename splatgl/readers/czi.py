@@ -19,15 +19,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra
 from splatgl.readers.channels import Channel, parse_window
 from splatgl.readers.chunked import OneFile
 from splatgl.readers.common import MAX_BYTES, decoder_errors, parse_number, require_bytes, require_plausible
 from splatgl.readers.dicom_frames import check_picture
-from splatgl.readers.microscopes import MicroscopeImage, Planes, check_planes, even_spacing, read_image
-from splatgl.readers.options import LoadOptions
-from splatgl.readers.tiff_images import list_series
+from splatgl.readers.microscopes import Found, MicroscopeImage, Planes, check_planes, even_spacing, functions_of
 from splatgl.readers.tiff_validation import jpeg_xr_size
 from splatgl.readers.vtk_xml import parse_xml
 
@@ -74,20 +71,7 @@ class _Tile:
         return self.place["Y"][1], self.place["X"][1]
 
 
-def list_images(path: Path) -> list[str]:
-    """A line for each scene."""
-    with decoder_errors("CZI"):
-        return list_series(_find_images(path))
-
-
-def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a CZI file; `series` is the scene, for the other options see `read_image`."""
-    with decoder_errors("CZI"):
-        images = _find_images(path)
-    return read_image(path, "CZI", images, options, OneFile(path))
-
-
-def _find_images(path: Path) -> list[MicroscopeImage]:
+def _find_images(path: Path) -> Found:
     """The scenes of a file, each with its tiles; without scenes the file is one."""
     with path.open("rb") as file:
         if not file.read(16).startswith(START):
@@ -100,10 +84,8 @@ def _find_images(path: Path) -> list[MicroscopeImage]:
     for tile in tiles:
         scenes[tile.place.get("S", (0, 1))[0]].append(tile)
     names = [node.get("Name", "") for node in root.findall(".//Information/Image/Dimensions/S/Scenes/Scene")]
-    return [
-        _make_image(path, root, names[number] if 0 <= number < len(names) else f"scene {number}", scenes[number])
-        for number in sorted(scenes)
-    ]
+    named = ((number, names[number] if 0 <= number < len(names) else f"scene {number}") for number in sorted(scenes))
+    return [_make_image(path, root, name, scenes[number]) for number, name in named], OneFile(path)
 
 
 def _read_directory(file: Any, at: int, there: int) -> list[_Tile]:
@@ -272,3 +254,6 @@ def _decode(data: bytes, compression: int, dtype: np.dtype, shape: tuple[int, ..
     if split and dtype.itemsize == 2:
         plain = np.ascontiguousarray(plain.reshape(2, -1).T).ravel()
     return plain.view(dtype).reshape(shape)
+
+
+list_images, read = functions_of("CZI", _find_images)

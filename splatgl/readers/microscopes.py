@@ -6,8 +6,7 @@ import io
 import math
 import os
 import struct
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -114,8 +113,32 @@ def even_spacing(x: float, y: float, z: float) -> Triple:
     return known[0] or 1.0, known[1] or known[0] or 1.0, known[2] or known[0] or 1.0
 
 
-def read_image(path: Path, form: str, images: Sequence[MicroscopeImage], options: LoadOptions, file: OneFile) -> Volume:
-    """The volume of the image that `series` picks, else of the largest stack. form: the format's name.
+# images of a file, and the file
+Found = tuple[Sequence[MicroscopeImage], OneFile]
+
+
+def functions_of(
+    form: str, find: Callable[[Path], Found]
+) -> tuple[Callable[[Path], list[str]], Callable[[Path, LoadOptions], Volume]]:
+    """The functions of a `Format`: one lists the images of a file, a line each, one reads a volume. form: its name."""
+
+    def list_images(path: Path) -> list[str]:
+        with decoder_errors(form):
+            images, _ = find(path)
+            return list_series(images)
+
+    def read(path: Path, options: LoadOptions) -> Volume:
+        with decoder_errors(form):
+            images, file = find(path)
+        return _read_image(path, form, images, options, file)
+
+    return list_images, read
+
+
+def _read_image(
+    path: Path, form: str, images: Sequence[MicroscopeImage], options: LoadOptions, file: OneFile
+) -> Volume:
+    """The volume of the image that `series` picks, else of the largest stack.
 
     `channel` picks channels, `time` a time point, `array` an entry along an axis that is none of these. An image
     without z is a plane, as thick as a pixel is wide. Samples of more than WHOLE_BYTES are read in parts.
@@ -179,40 +202,18 @@ _LETTERS = {"1": "X", "2": "Y", "3": "Z", "4": "T"}
 _HEADER = struct.Struct("<IIBI")
 
 
-def list_lif(path: Path) -> list[str]:
-    """A line for each image."""
-    with _open_lif(path) as file, decoder_errors("LIF"):
-        return list_series(_find_lif_images(file))
-
-
-def read_lif(path: Path, options: LoadOptions) -> Volume:
-    """The volume of an image; `series` picks it, for the other options see `read_image`."""
-    with _open_lif(path) as file:
-        with decoder_errors("LIF"):
-            images = _find_lif_images(file)
-        return read_image(path, "LIF", images, options, OneFile(path))
-
-
-@contextmanager
-def _open_lif(path: Path) -> Iterator[Any]:
-    """The file in liffile, whose XML is checked first."""
+def _find_lif_images(path: Path) -> Found:
+    """The images with axes x and y, without histograms of lifetimes; the XML is checked before liffile reads it."""
     liffile = import_extra("liffile", "Leica's LIF files", "liffile", "microscopes")
-    with path.open("rb") as file, decoder_errors("LIF"):
-        mark, _, _, letters = _HEADER.unpack(file.read(_HEADER.size))
-        if mark != 0x70:
-            raise expected("first bytes", "0x70", hex(mark), "is this a LIF file?")
-        require_bytes(2 * letters, path.stat().st_size - _HEADER.size)
-        parse_xml(file.read(2 * letters).decode("utf-16-le"), "LIF's XML")
-    with closing(BoundedFile(path.open("rb", buffering=0))) as source:
-        with decoder_errors("LIF"):
-            file = liffile.LifFile(source)
-        yield file
-
-
-def _find_lif_images(file: Any) -> list[MicroscopeImage]:
-    """The images with axes x and y, without histograms of lifetimes."""
+    opened = OneFile(path, BoundedFile(path.open("rb", buffering=0)))
+    mark, _, _, letters = _HEADER.unpack(opened.file.read(_HEADER.size))
+    if mark != 0x70:
+        raise expected("first bytes", "0x70", hex(mark), "is this a LIF file?")
+    require_bytes(2 * letters, path.stat().st_size - _HEADER.size)
+    parse_xml(opened.file.read(2 * letters).decode("utf-16-le"), "LIF's XML")
+    opened.file.seek(0)
     images = []
-    for source in file.images:
+    for source in liffile.LifFile(opened.file).images:
         axes, shape = "".join(name[0] for name in source.dims), tuple(int(size) for size in source.shape)
         if source.is_flim or not {"X", "Y"} <= set(axes) or len(set(axes)) < len(axes) or min(shape) < 1:
             continue
@@ -227,7 +228,7 @@ def _find_lif_images(file: Any) -> list[MicroscopeImage]:
         )
     if not images:
         raise expected("LIF", "an image with axes x and y", "none")
-    return images
+    return images, opened
 
 
 def _map_samples(source: Any, order: list[int]) -> np.ndarray:
@@ -271,20 +272,6 @@ def _read_channels(node: Any) -> tuple[Channel, ...]:
     )
 
 
-def list_nd2(path: Path) -> list[str]:
-    """A line for each position."""
-    with decoder_errors("ND2"):
-        return list_series(_find_nd2_images(path, _open_nd2(path)))
-
-
-def read_nd2(path: Path, options: LoadOptions) -> Volume:
-    """The volume of an ND2 file; `series` is the position, for the other options see `read_image`."""
-    with decoder_errors("ND2"):
-        file = _open_nd2(path)
-        images = _find_nd2_images(path, file)
-    return read_image(path, "ND2", images, options, file)
-
-
 def _open_nd2(path: Path) -> OneFile:
     nd2 = import_extra("nd2", "Nikon's ND2 files", "nd2", "microscopes")
     file = BoundedFile(path.open("rb", buffering=0))
@@ -295,8 +282,9 @@ def _open_nd2(path: Path) -> OneFile:
         raise
 
 
-def _find_nd2_images(path: Path, file: OneFile) -> list[MicroscopeImage]:
+def _find_nd2_images(path: Path) -> Found:
     """The positions of a file; each has axes T, Z, C or some of them, in the order of its loops."""
+    file = _open_nd2(path)
     source = file.file
     if source.is_legacy:
         raise expected("file", "an ND2 file of version 2 or later", "an older one", "save it as TIFF with Fiji")
@@ -341,7 +329,7 @@ def _find_nd2_images(path: Path, file: OneFile) -> list[MicroscopeImage]:
                 max(math.prod(counts) - stored, 0),
             )
         )
-    return images
+    return images, file
 
 
 def _read_plane(
@@ -368,3 +356,7 @@ def _time_step(source: Any) -> float | None:
     loop = next((loop for loop in source.experiment if loop.type == "TimeLoop"), None)
     period = float(loop.parameters.periodMs) / 1000 if loop is not None else 0.0
     return period if period > 0 and math.isfinite(period) else None
+
+
+list_lif, read_lif = functions_of("LIF", _find_lif_images)
+list_nd2, read_nd2 = functions_of("ND2", _find_nd2_images)

@@ -14,15 +14,12 @@ import numpy as np
 
 from splatgl.data.affine import metres_in
 from splatgl.data.times import seconds_in
-from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra
 from splatgl.readers.channels import Channel
 from splatgl.readers.chunked import OneFile
-from splatgl.readers.common import decoder_errors, parse_number, require_plausible
-from splatgl.readers.microscopes import MicroscopeImage, Planes, check_planes, even_spacing, read_image
-from splatgl.readers.options import LoadOptions
+from splatgl.readers.common import parse_number, require_plausible
+from splatgl.readers.microscopes import Found, MicroscopeImage, Planes, check_planes, even_spacing, functions_of
 from splatgl.readers.tiff import logged_errors
-from splatgl.readers.tiff_images import list_series
 from splatgl.readers.tiff_validation import check_before_decoding
 
 # name of a plane: s_C001Z002T003.tif; others are previews
@@ -30,20 +27,6 @@ _PLANE = re.compile(r"(?i)(?:.*[/\\])?s_?((?:[A-Z]\d{3,6})+)\.tif")
 # sectors that end a chain, or are none (MS-CFB §2.1)
 _LAST_SECTOR = 0xFFFFFFFA
 _COMPOUND = bytes.fromhex("d0cf11e0a1b11ae1")
-
-
-def list_images(path: Path) -> list[str]:
-    """A line for the image."""
-    with decoder_errors("OIB"):
-        return list_series([_find_image(path, _open(path))])
-
-
-def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of an OIB or OIF file; for the options see `read_image`."""
-    with decoder_errors("OIB"):
-        file = _open(path)
-        image = _find_image(path, file)
-    return read_image(path, "OIB", [image], options, file)
 
 
 def _open(path: Path) -> OneFile:
@@ -100,7 +83,8 @@ def _check_chains(table: np.ndarray) -> None:
         raise expected("sectors", "chains that end", "one that leads back to itself", "the file is damaged")
 
 
-def _find_image(path: Path, file: OneFile) -> MicroscopeImage:
+def _find_images(path: Path) -> Found:
+    file = _open(path)
     source = file.file
     # 1. planes by their index, as their names have it
     planes, letters = dict[tuple[int, ...], str](), ""
@@ -125,9 +109,8 @@ def _find_image(path: Path, file: OneFile) -> MicroscopeImage:
     channels = _read_channels(settings, counts[letters.index("C")] if "C" in letters else 1)
     unit = "um" if "X" in units else ""
     step, missing = steps.get("T") or None, math.prod(counts) - len(planes)
-    return MicroscopeImage(
-        path.stem, letters + "YX", array.shape, lambda: array, channels, spacing, unit, step, missing
-    )
+    axes = letters + "YX"
+    return [MicroscopeImage(path.stem, axes, array.shape, lambda: array, channels, spacing, unit, step, missing)], file
 
 
 def _read_plane(source: Any, planes: dict[tuple[int, ...], str], index: tuple[int, ...]) -> np.ndarray | None:
@@ -181,3 +164,6 @@ def _read_channels(settings: Any, count: int) -> tuple[Channel, ...]:
             part = settings.get(section, {})
             names[number] = names[number] or str(part.get("DyeName") or part.get("CH Name") or "")
     return tuple(Channel(names[number] or str(number)) for number in range(count))
+
+
+list_images, read = functions_of("OIB", _find_images)
