@@ -118,10 +118,14 @@ def list_frames(of: DicomHeader, tags: Any) -> list[DicomFrame]:
             raise expected("DICOM", "slices", "tiles of a slide", fix)
         if per_frame is None:
             first = _read_frame(of, 0, _Groups(tags, ()))
-            split = _split_mosaic(first) if of.mosaic.tiles > 1 else [first]
-            return _separate_moments(tags, _multiframe(tags, first)) if of.frames > 1 else split
-        places = (tuple(item for item in (group, shared) if item is not None) for group in per_frame)
-        frames = [_read_frame(of, number, _Groups(tags, groups)) for number, groups in enumerate(places)]
+            if of.frames > 1:
+                return _separate_moments(tags, _multiframe(tags, first))
+            if of.mosaic.tiles == 1:
+                return [first]
+            places = of.mosaic.places(first.position, first.orientation, first.spacing, first.step)
+            return [replace(first, number=number, position=place) for number, place in enumerate(places)]
+        parts = (tuple(item for item in (group, shared) if item is not None) for group in per_frame)
+        frames = [_read_frame(of, number, _Groups(tags, groups)) for number, groups in enumerate(parts)]
         # a stack is more than a slice
         is_split = 1 < len({frame.stack for frame in frames}) <= len(frames) / 2
         return _separate_moments(tags, frames if is_split else [replace(frame, stack="") for frame in frames])
@@ -167,6 +171,7 @@ def _read_frame(of: DicomHeader, number: int, groups: _Groups) -> DicomFrame:
     slope = dose or finite_numbers([groups.get(f"{scale}Slope", way)], 1)
     shift = finite_numbers([groups.get(f"{scale}Intercept", way)], 1)
     times = [_read_time(groups, tag, sequence) for tag, sequence, _ in TIMES]
+    ratio = finite_numbers(groups.get("PixelAspectRatio"), 2)
     return DicomFrame(
         of,
         number,
@@ -178,14 +183,8 @@ def _read_frame(of: DicomHeader, number: int, groups: _Groups) -> DicomFrame:
         ((slope[0] if slope and slope[0] else 1.0) * of.factor, (shift[0] if shift else 0.0) * of.factor),
         tuple(times),
         f"stack {plain_text(stack)}" if stack else "",
-        aspect=_aspect(groups),
+        aspect=ratio[0] / ratio[1] if ratio is not None and min(ratio) > 0 else 1.0,
     )
-
-
-def _aspect(groups: _Groups) -> float:
-    """The height of a pixel in widths; 1 if it is not stated."""
-    ratio = finite_numbers(groups.get("PixelAspectRatio"), 2)
-    return ratio[0] / ratio[1] if ratio is not None and min(ratio) > 0 else 1.0
 
 
 def _pixel_size(groups: _Groups) -> tuple[float, float] | None:
@@ -284,12 +283,6 @@ def _with_times(tags: Any, frames: list[DicomFrame]) -> list[DicomFrame]:
         values = zip(TIMES, frame.times, strict=True)
         timed.append(replace(frame, times=tuple(stated.get(str(tag), value) for (tag, _, _), value in values)))
     return timed
-
-
-def _split_mosaic(first: DicomFrame) -> list[DicomFrame]:
-    """The slices of a mosaic."""
-    places = first.header.mosaic.places(first.position, first.orientation, first.spacing, first.step)
-    return [replace(first, number=number, position=place) for number, place in enumerate(places)]
 
 
 def slice_normal(orientation: Numbers) -> np.ndarray:

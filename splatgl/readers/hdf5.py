@@ -114,7 +114,8 @@ def read_dataset(path: Path, dataset: Any, options: LoadOptions, notes: tuple[st
     grid, frame = _grid(path, dataset, axes, options)
     name = dataset.name.rsplit("/", 1)[-1]
     is_complex = dataset.dtype.kind in "cV"
-    packing = None if is_complex else _read_packing(dataset)
+    stated = {name: attribute_numbers(dataset, name) for name in CF_NUMBERS}
+    packing = None if is_complex else Packing.of(stated, dataset.dtype, attribute_text(dataset, "_Unsigned"))
     values_of = magnitudes if is_complex else packing.values if packing else None
     dtype = np.dtype(np.float32) if packing else dataset.dtype
     about = {"frame": frame, **array_fields(name, dtype, _value_unit(dataset), grid.unit)}
@@ -268,12 +269,6 @@ def _transpose(samples: Any, axes: list[int]) -> Any:
         return samples
     ranks = np.argsort(order).tolist()
     return samples.transpose(ranks) if isinstance(samples, np.ndarray) else Transposed(samples, ranks)
-
-
-def _read_packing(dataset: Any) -> Packing | None:
-    """NetCDF's packing of the numbers, None if they are values."""
-    stated = {name: attribute_numbers(dataset, name) for name in CF_NUMBERS}
-    return Packing.of(stated, dataset.dtype, attribute_text(dataset, "_Unsigned"))
 
 
 def _grid(path: Path, dataset: Any, axes: list[int], options: LoadOptions) -> tuple[CoordinateGrid, str | None]:

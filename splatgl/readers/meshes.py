@@ -141,18 +141,15 @@ def _read_triangles(path: Path, radius: float | None, array: str | None) -> Mesh
                 continue
             looks = part.visual
             if looks.kind == "texture":
-                looks = looks.to_color() if _has_look(looks.material) else None
+                # unless the material states no colour or picture
+                names = ("baseColorFactor", "baseColorTexture", "image", "diffuse")
+                is_seen = any(getattr(looks.material, name, None) is not None for name in names)
+                looks = looks.to_color() if is_seen else None
             if looks is not None and looks.kind in ("vertex", "face"):
                 # one of all vertices, or one of each
                 colors = np.broadcast_to(np.asarray(looks.vertex_colors)[..., :3], points.shape)
             parts.append(_merge_vertices(Mesh(points, np.asarray(part.faces), colors=colors))[0])
     return replace(join_meshes(parts), **_find_world(path))
-
-
-def _has_look(material: Any) -> bool:
-    """Whether a material states a colour or a picture."""
-    names = ("baseColorFactor", "baseColorTexture", "image", "diffuse")
-    return any(getattr(material, name, None) is not None for name in names)
 
 
 def _make_balls(points: np.ndarray, colors: np.ndarray | None, radius: float | None) -> Mesh:
@@ -215,7 +212,9 @@ def _read_piece(file: VtkXml, piece: Element, radius: float | None, array: str |
     lines = np.split(*kinds["Lines"])
     tubes = _make_tubes([points[cell] for cell in lines], radius)
     if numbers is not None and numbers.of_cells:
-        surface = assign_cell_numbers(surface, numbers, np.concatenate([np.zeros(0, np.int64), *cells]))
+        # triangles of cells share no vertices
+        of_cells = np.concatenate([np.zeros(0, np.int64), *cells])
+        surface = assign_numbers(_separate_corners(surface), numbers, np.repeat(of_cells, 3))
         rings = [np.full(len(ring_points(points[cell])), starts["Lines"] + n) for n, cell in enumerate(lines)]
     else:
         surface = assign_numbers(surface, numbers, np.arange(len(points)))
@@ -322,11 +321,6 @@ def _separate_corners(mesh: Mesh) -> Mesh:
         faces=np.arange(3 * len(mesh)).reshape(-1, 3),
         corner_normals=mesh.normals,
     )
-
-
-def assign_cell_numbers(mesh: Mesh, numbers: MeshArray, cells: np.ndarray) -> Mesh:
-    """A mesh with the numbers of cells, whose triangles share no vertices. cells [M]: cell number of each triangle."""
-    return assign_numbers(_separate_corners(mesh), numbers, np.repeat(cells, 3))
 
 
 def join_meshes(meshes: Sequence[Mesh]) -> Mesh:

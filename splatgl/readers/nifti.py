@@ -129,11 +129,6 @@ def volume_on_affine(samples: np.ndarray, affine: np.ndarray) -> Volume:
     return volume_on_grid(samples, affine[:3, :3], affine[:3, 3], "affine", unit="mm", frame="RAS")
 
 
-def _is_color_type(dtype: np.dtype) -> bool:
-    """Whether numbers are colours of three or four bytes, as nibabel names the parts of RGB24 and RGBA32."""
-    return dtype.names in (("R", "G", "B"), ("R", "G", "B", "A"))
-
-
 def check_sizes(sizes: Sequence[int], space: slice = slice(3)) -> None:
     """Raises InputError for sizes that no image has. space: those along x, y and z, in either order."""
     grid_shape(sizes[space])
@@ -221,7 +216,8 @@ def _open_samples(
     file, [x, y, z, …]; start: the byte of the first, unpacked if the file is packed. Raises InputError for a file that
     cannot hold them.
     """
-    if dtype.kind not in "uifc" and not _is_color_type(dtype):
+    # nibabel names the parts of RGB24 and RGBA32
+    if dtype.kind not in "uifc" and dtype.names not in (("R", "G", "B"), ("R", "G", "B", "A")):
         raise expected("samples", "numbers or colours", dtype, "convert the file to one number per voxel")
     check_sizes(shape)
     if start < 0:

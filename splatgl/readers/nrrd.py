@@ -103,7 +103,9 @@ def read(path: Path, options: LoadOptions) -> Volume:
     directions = header.get("space directions")
     if directions is not None:
         kinds = ["time" if _is_time(row) else kind for row, kind in zip(directions, kinds, strict=True)]
-    kinds = ["time" if _is_sequence(header, axis, kind) else kind for axis, kind in enumerate(kinds)]
+    # 3D Slicer calls the axis of a sequence or multi-volume a list
+    counts = ["MultiVolume.FrameLabels" in header or f"axis {n} index values" in header for n in range(len(sizes))]
+    kinds = ["time" if kind == "list" and is_time else kind for kind, is_time in zip(kinds, counts, strict=True)]
     times = [axis for axis in others if kinds[axis] == "time"]
     if options.array is not None and not times:
         raise expected("array", "an axis of the kind time", "none", "pick a component with channel=N")
@@ -191,11 +193,6 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
 def _is_time(direction: np.ndarray) -> bool:
     """Whether an axis runs along the fourth dimension of its space."""
     return len(direction) == 4 and np.isfinite(direction).all() and not any(direction[:3])
-
-
-def _is_sequence(header: Header, axis: int, kind: str) -> bool:
-    """Whether an axis counts the volumes of a sequence or multi-volume of 3D Slicer, which calls it a list."""
-    return kind == "list" and (f"axis {axis} index values" in header or "MultiVolume.FrameLabels" in header)
 
 
 def _time_step(header: Header, axis: int) -> float | None:

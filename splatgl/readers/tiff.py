@@ -98,7 +98,9 @@ def read(path: Path, options: LoadOptions) -> Volume:
                     check_chain(find_data_file(path, name, options.anywhere))
             tiff = stack.enter_context(open_tiff(path, is_several=True))
         with decoder_errors("TIFF"):
-            own = [n for n, series in enumerate(tiff.series) if _is_in(series, path)] if names else []
+            pages = (filter(None, series.pages) for series in tiff.series if names)
+            held = [{page.parent.filehandle.name for page in some} for some in pages]
+            own = [n for n, files in enumerate(held) if path.name in files]
             chosen = replace(options, series=own[0] + 1) if len(own) == 1 and options.series is None else options
             place, notes = select_image(tiff.series, chosen)
             pixels = find_pixels(tiff, place)
@@ -107,11 +109,6 @@ def read(path: Path, options: LoadOptions) -> Volume:
         volume = _read_image(image, options)
         notes += (f"planes are in {len(names)} files of the folder",) * bool(names)
         return replace(volume, notes=(*notes, *_ignored_notes(image), *volume.notes))
-
-
-def _is_in(series: Any, path: Path) -> bool:
-    """Whether a plane of tifffile's series is in the file."""
-    return any(page is not None and page.parent.filehandle.name == path.name for page in series.pages)
 
 
 @dataclass(frozen=True)
@@ -164,16 +161,10 @@ def value_notes(page: Any) -> list[str]:
         "values are as they are stored, though the file shows 0 as white": page.photometric.name == "MINISWHITE",
         "values are indices of the file's colour table, which is not applied": page.photometric.name == "PALETTE"
         and not page.parent.is_imagej,
-        "rows and columns are as stored: the tag of their orientation is not applied": _orientation(page) != 1,
+        "rows and columns are as stored: the tag of their orientation is not applied": page.tags.valueof(274, 1) != 1,
         MAGNITUDE_NOTE: page.dtype is not None and page.dtype.kind == "c",
     }
     return [note for note, applies in notes.items() if applies]
-
-
-def _orientation(page: Any) -> int:
-    """The tag of the first row's and column's side, 1 for top and left."""
-    tag = page.tags.get("Orientation")
-    return int(tag.value) if tag is not None else 1
 
 
 def _read_image(image: _Image, options: LoadOptions) -> Volume:

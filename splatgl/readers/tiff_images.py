@@ -35,10 +35,6 @@ def _gamma_variate(x: np.ndarray, c: Coefficients) -> np.ndarray:
     return np.where(after > 0, c[1] * np.power(after, c[2]) * np.exp(-after / c[3]), 0.0)
 
 
-def _optical_density(x: np.ndarray, c: Coefficients) -> np.ndarray:
-    return np.log10(255.0 / np.where(x == 0, 0.5, x))
-
-
 # of each function: its number, coefficients, name, and values at stored numbers
 FUNCTIONS: dict[int, tuple[int, str, Callable[[np.ndarray, Coefficients], np.ndarray]]] = {
     0: (2, "straight line", lambda x, c: c[0] + c[1] * x),
@@ -55,7 +51,7 @@ FUNCTIONS: dict[int, tuple[int, str, Callable[[np.ndarray, Coefficients], np.nda
     11: (3, "exponential with offset", lambda x, c: c[0] * np.exp(-c[1] * x) + c[2]),
     12: (4, "Gaussian", lambda x, c: c[0] + (c[1] - c[0]) * np.exp(-((x - c[2]) ** 2) / (2 * c[3] ** 2))),
     13: (3, "exponential recovery", lambda x, c: c[0] * (1 - np.exp(-c[1] * x)) + c[2]),
-    21: (0, "uncalibrated optical density", _optical_density),
+    21: (0, "uncalibrated optical density", lambda x, c: np.log10(255.0 / np.where(x == 0, 0.5, x))),
 }
 # the calibration of signed numbers of 16 bits, which are stored without a sign
 SIGNED = (-32768.0, 1.0)

@@ -261,16 +261,12 @@ def _lost(volume: Volume, target: FileTarget, kind: str) -> list[str]:
     is_placed = is_turned or any(volume.origin)
     if target.frame and volume.frame is None and is_placed:
         notes.append(f"the frame is unknown, and {target.title} has only {target.frame}: it is read as that")
-    if volume.color is not None and holds & {"color", "channels"} and not _has_luma(volume):
+    planes = _some_planes(volume, volume.color) if volume.color is not None and holds & {"color", "channels"} else ()
+    if not all(np.array_equal(luma(color), samples) for samples, color in planes):
         notes.append("samples are not written where there are colours")
     if target.title == "OME-Zarr" and is_lost["direction"]:
         notes.append("orientation: OME-Zarr has none, splatgl alone reads what is written")
     return notes
-
-
-def _has_luma(volume: Volume) -> bool:
-    """Whether a volume's samples are the luma of its colours, by a few planes."""
-    return all(np.array_equal(luma(color), samples) for samples, color in _some_planes(volume, volume.color))
 
 
 def _has_lengths(volume: Volume) -> bool:
