@@ -149,17 +149,16 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
     return out.view(dtype).reshape(tuple(shape))
 
 
-def is_packed(path: Path) -> bool:
-    """Whether a file begins as gzip or bzip2 data do."""
+def packing_of(path: Path) -> str:
+    """ "gzip" or "bzip2" by the first bytes of a file, "" for others."""
     with path.open("rb") as file:
-        return file.read(len(BZIP2)).startswith((GZIP, BZIP2))
+        first = file.read(len(BZIP2))
+    return "gzip" if first.startswith(GZIP) else "bzip2" if first == BZIP2 else ""
 
 
 def open_unpacked(path: Path) -> Any:
     """Opens a file for reading; its bytes are unpacked if it is gzip or bzip2 data."""
-    with path.open("rb") as file:
-        first = file.read(len(BZIP2))
-    return gzip.open(path) if first.startswith(GZIP) else bz2.open(path) if first == BZIP2 else path.open("rb")
+    return {"gzip": gzip.open, "bzip2": bz2.open, "": open}[packing_of(path)](path, "rb")
 
 
 def inflated_size(file: BinaryIO, room: int) -> int:

@@ -17,14 +17,13 @@ from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.channels import MAGNITUDE_NOTE, magnitudes
 from splatgl.readers.common import (
-    BZIP2,
-    GZIP,
     bunzip,
     decoder_errors,
     grid_shape,
     inflate,
     map_array,
     open_unpacked,
+    packing_of,
     require_bytes,
 )
 from splatgl.readers.options import LoadOptions
@@ -40,14 +39,14 @@ _MODES = (*_REAL, _COMPLEX_INTEGERS, _COMPLEX)
 
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of an MRC file in ångström; `array` picks one of a stack of volumes."""
-    header, packing = _read_header(path)
+    header = _read_header(path)
     # 1. the samples, in the order of the file
     sizes = [int(header[name]) for name in ("nx", "ny", "nz")]
     columns = grid_shape(sizes)
     skip = int(header["nsymbt"])
     if skip < 0:
         raise expected("nsymbt", "zero or more bytes", skip, "the header is damaged")
-    samples = _read_data(path, packing, _HEADER + skip, _dtype(header), columns)
+    samples = _read_data(path, _HEADER + skip, _dtype(header), columns)
     # 2. one volume of a stack
     volumes = _count_volumes(header, columns[0])
     stack = samples.reshape(volumes, columns[0] // volumes, *columns[1:])
@@ -65,13 +64,10 @@ def read(path: Path, options: LoadOptions) -> Volume:
     return volume_on_grid(samples, matrix, origin, "cell", unit=unit, notes=notes)
 
 
-def _read_header(path: Path) -> tuple[Any, bytes]:
-    """The header, and the file's first bytes, which state whether it is packed."""
+def _read_header(path: Path) -> Any:
     utils = import_extra("mrcfile.utils", "MRC files", "mrcfile", "readers")
     layout = import_extra("mrcfile.dtypes", "MRC files", "mrcfile", "readers").HEADER_DTYPE
     with decoder_errors("MRC"):
-        with path.open("rb") as file:
-            packing = file.read(len(BZIP2))
         with open_unpacked(path) as file:
             first = file.read(_HEADER)
         require_bytes(_HEADER, len(first), "header")
@@ -83,10 +79,9 @@ def _read_header(path: Path) -> tuple[Any, bytes]:
             order = "<" if 0 <= header["mode"] < 2**16 else ">"
         header = np.frombuffer(first, layout.newbyteorder(order))[0]
     if int(header["mode"]) not in _MODES:
-        raise expected(
-            "mode", f"one of {', '.join(map(str, sorted(_MODES)))}", int(header["mode"]), "is this an MRC file?"
-        )
-    return header, packing
+        known = ", ".join(map(str, sorted(_MODES)))
+        raise expected("mode", f"one of {known}", int(header["mode"]), "is this an MRC file?")
+    return header
 
 
 def _dtype(header: Any) -> np.dtype:
@@ -102,14 +97,14 @@ def _dtype(header: Any) -> np.dtype:
     return dtype.newbyteorder(header.dtype["nx"].byteorder)
 
 
-def _read_data(path: Path, packing: bytes, start: int, dtype: np.dtype, shape: tuple[int, int, int]) -> np.ndarray:
-    """The array [sections, rows, columns]. packing: the file's first bytes."""
-    needed = start + byte_count(shape, dtype)
-    if packing.startswith(GZIP):
-        return inflate(path, 0, np.dtype(np.uint8), (needed,))[start:].view(dtype).reshape(shape)
-    if packing == BZIP2:
-        return bunzip(path, 0, needed)[start:needed].view(dtype).reshape(shape)
-    return map_array(path, start, dtype, shape)
+def _read_data(path: Path, start: int, dtype: np.dtype, shape: tuple[int, int, int]) -> np.ndarray:
+    """The array [sections, rows, columns]."""
+    needed, packing = start + byte_count(shape, dtype), packing_of(path)
+    if not packing:
+        return map_array(path, start, dtype, shape)
+    is_gzip = packing == "gzip"
+    data = inflate(path, 0, np.dtype(np.uint8), (needed,)) if is_gzip else bunzip(path, 0, needed)
+    return data[start:needed].view(dtype).reshape(shape)
 
 
 def _count_volumes(header: Any, sections: int) -> int:

@@ -25,12 +25,11 @@ from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.channels import MAGNITUDE_NOTE, ChannelSet, Components, magnitudes, split_voxels
 from splatgl.readers.common import (
-    GZIP,
     decoder_errors,
     grid_shape,
-    is_packed,
     map_array,
     open_unpacked,
+    packing_of,
     require_bytes,
     require_plausible,
 )
@@ -162,7 +161,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 def _first_bytes(path: Path) -> bytes:
     """The first bytes of a file, unpacked: errors of its packing are reported before nibabel's header errors."""
-    with decoder_errors("packed data" if is_packed(path) else "NIfTI"), open_unpacked(path) as file:
+    with decoder_errors("packed data" if packing_of(path) else "NIfTI"), open_unpacked(path) as file:
         return bytes(file.read(_SNIFF_BYTES))
 
 
@@ -222,10 +221,9 @@ def _open_samples(
     check_sizes(shape)
     if start < 0:
         raise expected("vox_offset", "a position in the file", start, "the header is damaged")
-    needed, there, packed = start + byte_count(shape, dtype), path.stat().st_size, is_packed(path)
+    needed, there, packed = start + byte_count(shape, dtype), path.stat().st_size, packing_of(path)
     if packed:
-        with path.open("rb") as file:
-            require_plausible(needed, there, bounded=file.read(len(GZIP)) == GZIP)
+        require_plausible(needed, there, bounded=packed == "gzip")
     else:
         require_bytes(needed, there)
 

@@ -14,12 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import (
-    metres_in,
-    shared_unit,
-    unit_name,
-    value_unit_name,
-)
+from splatgl.data.affine import metres_in, shared_unit, unit_name, value_unit_name
 from splatgl.data.times import Times, seconds_in
 from splatgl.data.volume import Hints, Label, Lengths, Triple, Volume
 from splatgl.errors import MissingOption, expected, import_extra, list_names
@@ -27,8 +22,9 @@ from splatgl.fileio import WHOLE_BYTES, byte_count, held_within_budget
 from splatgl.readers.channels import MOST_CHANNELS, Channel, ChannelSet, hex_color, mark_microscope, parse_window
 from splatgl.readers.chunked import Chunked, TransposedChunks
 from splatgl.readers.common import array_fields, decoder_errors
+from splatgl.readers.contents import ZARR
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.remote import METADATA, Remote
+from splatgl.readers.remote import Remote
 from splatgl.readers.zarr_files import (
     channel_names,
     check_array,
@@ -140,14 +136,12 @@ WHOLE_LEVEL = 0
 SPACE = ("z", "y", "x")
 # most groups and arrays that are searched for images
 MOST_GROUPS = 1000
-# files that mark a folder as a Zarr store
-MARKERS = ("zarr.json", ".zarray", ".zgroup")
 Multiscale = Mapping[str, Any]
 
 
 def is_store(path: Path) -> bool:
     """Whether a folder is a Zarr store."""
-    return any((path / marker).is_file() for marker in MARKERS)
+    return any((path / marker).is_file() for marker in ZARR[:3])
 
 
 def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volume:
@@ -173,7 +167,7 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
         levels = multiscale["datasets"] if multiscale else []
         if remote:
             names = [entry["path"] for entry in levels] + ([options.array] if options.array else [])
-            remote.refresh([f"{group.path}/{name}/{file}".lstrip("/") for name in names for file in METADATA])
+            remote.refresh([f"{group.path}/{name}/{file}".lstrip("/") for name in names for file in ZARR])
         nodes = [_select_level(group, multiscale, options)]
         if multiscale is not None and options.array is None and options.level is None:
             others = [group.get(entry["path"]) for entry in levels[1:]]
@@ -217,7 +211,7 @@ def _with_stored_colors(path: Any, group: Any, node: Any, volume: Volume, remote
         return volume
     name = f"{metadata['color']}/{node.path.rsplit('/', 1)[-1]}"
     if remote:
-        remote.refresh([f"{name}/{file}" for file in METADATA])
+        remote.refresh([f"{name}/{file}" for file in ZARR])
     color = group[name]
     files = check_array(path, color, False, remote.fetch if remote else None)
     hints = Hints(points=((0.0, 0.0), (1.0, 1.0)), unit=float(metadata["unit"]), shading=bool(metadata["shading"]))
@@ -251,7 +245,7 @@ def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tu
     if remote:
         if "bioformats2raw.layout" not in attributes:
             return group, options, ()
-        remote.refresh([f"0/{image}" for image in METADATA])
+        remote.refresh([f"0/{image}" for image in ZARR])
         node = group.get("0")
         return (node, options, ()) if isinstance(node, zarr.Group) else (group, options, ())
     images = _find_images(group)
@@ -271,7 +265,7 @@ def _find_owner(group: Any, path: str, remote: Remote | None) -> tuple[Any, str]
     for count in range(len(steps) - 1, 0, -1):
         above, name = "/".join(steps[:count]), "/".join(steps[count:])
         if remote:
-            remote.refresh([f"{above}/{file}" for file in METADATA])
+            remote.refresh([f"{above}/{file}" for file in ZARR])
         multiscale = _multiscale(group[above]) if above in group else None
         if multiscale and any(entry["path"] == name for entry in multiscale["datasets"]):
             return group[above], name
@@ -289,7 +283,7 @@ def _select_field(
     there = (name for name in wells if not name or remote or name in group)
     well = next(there, wells[0]) if options.well is None else options.well.strip("/")
     if well and remote:
-        remote.refresh([f"{well}/{file}" for file in METADATA])
+        remote.refresh([f"{well}/{file}" for file in ZARR])
     fields = _field_paths(group.get(well) if well else group)
     if not fields:
         raise expected("well", f"images in {well}", "none", "the plate is not complete")
@@ -298,7 +292,7 @@ def _select_field(
         raise expected("field", f"a number from 0 to {len(fields) - 1} in well {well}", number)
     path = f"{well}/{fields[number]}".strip("/")
     if remote:
-        remote.refresh([f"{path}/{file}" for file in METADATA])
+        remote.refresh([f"{path}/{file}" for file in ZARR])
     node = group.get(path)
     if node is None or _multiscale(node) is None:
         raise expected("field", f"an image in {path}", "none", "the plate is not complete")
@@ -348,7 +342,7 @@ def _children(group: Any) -> list[tuple[str, Any]]:
 
     if group.metadata.consolidated_metadata is not None:
         return sorted(group.members(), key=lambda member: natural_key(member[0]))
-    children = [(name, group.get(name)) for name in sorted(sync(listed()), key=natural_key) if name not in METADATA]
+    children = [(name, group.get(name)) for name in sorted(sync(listed()), key=natural_key) if name not in ZARR]
     return [(name, child) for name, child in children if child is not None]
 
 

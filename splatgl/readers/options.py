@@ -16,7 +16,7 @@ from splatgl.data.times import is_time
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import InputError, MissingOption, expected
 from splatgl.options import HelpGroup, ValueKind, check_options, checked, declared, non_default, option, reject_unknown
-from splatgl.readers.contents import OTHER_GZIP, PACKINGS
+from splatgl.readers.contents import FIXES, OTHER_GZIP, PACKINGS
 
 # endings of files that hold named datasets
 HDF5 = (".h5", ".hdf5", ".he5", ".hdf", ".nc", ".nc4", ".emd", ".nxs", ".mat", ".vtkhdf", ".cmap")
@@ -35,17 +35,14 @@ CONVERTERS = {
     ),
     **dict.fromkeys((".vtp", ".pvtp", ".stl", ".obj", ".off", ".glb", ".gltf"), SURFACE),
     **dict.fromkeys((".e57", ".xyz", ".pts"), "save the points as .las or .ply, such as with CloudCompare"),
-    **dict.fromkeys((".j2k", ".jxl"), "a picture is one slice; open the folder of all slices"),
+    **dict.fromkeys((".j2k", ".jxl"), FIXES["JPEG 2000"]),
     **dict.fromkeys((".asc", ".hgt", ".dem", ".bil", ".flt", ".adf"), "convert it with: gdal_translate OLD NEW.tif"),
     ".gipl": "save it as .nii.gz or .mha, such as with SimpleITK",
-    ".st": "a tilt series is no volume; reconstruct it, such as with IMOD",
-    ".ali": "a tilt series is no volume; reconstruct it, such as with IMOD",
+    **dict.fromkeys((".st", ".ali"), "a tilt series is no volume; reconstruct it, such as with IMOD"),
     ".vdb": "save a dense array with numpy.save, in the order [z, y, x]",
-    ".grb": "convert it with: cdo -f nc4 copy OLD NEW.nc",
-    ".grib": "convert it with: cdo -f nc4 copy OLD NEW.nc",
-    ".grib2": "convert it with: cdo -f nc4 copy OLD NEW.nc",
+    **dict.fromkeys((".grb", ".grib", ".grib2"), FIXES["GRIB"]),
     ".n5": "save it as OME-Zarr with Fiji (Export to N5/Zarr/OME-NGFF): no maintained Python library reads N5",
-    **dict.fromkeys((".7z", ".gz", ".bz2", ".xz", ".zst"), "unpack it"),
+    **dict.fromkeys((".7z", ".gz", ".bz2", ".xz", ".zst"), FIXES["gzip"]),
 }
 
 

@@ -19,12 +19,11 @@ from typing import Any
 from splatgl.errors import InputError, expected, import_extra, one_line
 from splatgl.fileio import shorten_name, write_file
 from splatgl.platforms import user_folder
+from splatgl.readers.contents import ZARR
 
 # number of attempts; seconds between the first two, which double; seconds for a connection and for each part of an
 # answer
 ATTEMPTS, WAIT, CONNECT, ANSWER = 4, 0.5, 10.0, 30.0
-# metadata files of a Zarr store
-METADATA = ("zarr.json", ".zgroup", ".zattrs", ".zarray")
 # most bytes of a metadata file
 MOST_METADATA = 1 << 26
 
@@ -108,7 +107,7 @@ class Remote:
 
     def store(self) -> Path:
         """The copy of the Zarr store with its current metadata; chunks are fetched when needed."""
-        if not any(self.refresh(METADATA)):
+        if not any(self.refresh(ZARR)):
             raise expected("address", "a file, or a Zarr store", "none", "check it")
         return self.folder
 
