@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PureWindowsPath
-from typing import Any, BinaryIO
+from typing import IO, Any, BinaryIO
 
 import numpy as np
 
@@ -161,7 +161,7 @@ def open_unpacked(path: Path) -> Any:
     return {"gzip": gzip.open, "bzip2": bz2.open, "": open}[packing_of(path)](path, "rb")
 
 
-def inflated_size(file: BinaryIO, room: int) -> int:
+def inflated_size(file: IO[bytes], room: int) -> int:
     """Bytes of the inflated zlib or gzip data of `file`, counted up to a little over `room`."""
     engine, size = zlib.decompressobj(wbits=47), 0
     while size <= room and not engine.eof and (piece := engine.unconsumed_tail or file.read(CHUNK_BYTES)):

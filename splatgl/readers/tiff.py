@@ -107,7 +107,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
             survey = read_survey(tiff.series[place].keyframe)
         image = _Image(path, tiff, place, pixels, survey)
         volume = _read_image(image, options)
-        notes += (f"planes are in {len(names)} files of the folder",) * bool(names)
+        notes += (f"planes are in {len(names)} files of the folder",) * image.series.is_multifile
         return replace(volume, notes=(*notes, *_ignored_notes(image), *volume.notes))
 
 
