@@ -149,9 +149,18 @@ def _escaped(text: str) -> str:
     return re.sub(r"([*_<\[])", r"\\\1", text)
 
 
+# a line of the guide's page that links to a program of the repository
+EXAMPLE = re.compile(r"(?m)^- \[(.+)\]\(\.\./\.\./(scripts/examples/\w+\.py)\)$")
+
+
+def example(match: re.Match[str]) -> str:
+    """Section of a linked program, with its text."""
+    return f"## {match[1]}\n\n```python\n{(ROOT / match[2]).read_text(encoding='utf-8')}```\n"
+
+
 def site_page(text: str) -> str:
-    """Markdown of a page for the site: generated tables in place, and tables inside of <details> rendered."""
-    text = re.sub(r"<!-- table: (\w+) -->", lambda match: TABLES[match[1]](), text)
+    """Markdown of a page for the site: generated tables and linked programs in place, tables in <details> rendered."""
+    text = EXAMPLE.sub(example, re.sub(r"<!-- table: (\w+) -->", lambda match: TABLES[match[1]](), text))
     return text.replace("<details>", '<details markdown="1">')
 
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import mkdocs_hooks
 import numpy as np
 import pytest
 from PIL import Image as Pillow
@@ -47,11 +48,12 @@ def test_every_example_is_run_and_short() -> None:
     assert {name: n for name, n in lines.items() if n > MOST_LINES} == {}
 
 
-def test_the_guide_has_ten_of_them_as_they_are() -> None:
+def test_the_site_has_ten_of_them_as_they_are() -> None:
     text = (Path(sg.__file__).parent / "docs" / "examples.md").read_text(encoding="utf-8")
-    files = [path.read_text(encoding="utf-8") for path in FOLDER.glob("*.py")]
-    programs = re.findall(r"(?ms)^```python\n(.*?)^```$", text)
-    assert len(programs) == 10 and set(programs) <= set(files)
+    linked = re.findall(r"\(\.\./\.\./scripts/examples/(\w+)\.py\)", text)
+    programs = re.findall(r"(?ms)^```python\n(.*?)^```$", mkdocs_hooks.site_page(text))
+    assert len(set(linked)) == 10
+    assert programs == [(FOLDER / f"{name}.py").read_text(encoding="utf-8") for name in linked]
 
 
 @pytest.fixture

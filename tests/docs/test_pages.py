@@ -37,6 +37,7 @@ from splatgl.splat.settings import Settings, choices
 from splatgl.viewer import commands
 from splatgl.viewer.input import load_bindings
 from splatgl.writers import TARGETS
+from tests.helpers import dicom
 from tests.stress import CASES
 
 ROOT = Path(__file__).parents[2]
@@ -47,6 +48,13 @@ IDS = [path.relative_to(ROOT).as_posix() for path in PAGES]
 MOST_LINES = 120
 # of the site: pictures are half of it
 MOST_SITE_BYTES = 10_000_000
+# of the guide without the changelog, and of a page: tables of reference may be longer
+MOST_WORDS, MOST_PAGE_WORDS = 24_000, 2_000
+TABLES = {"accuracy", "changelog", "formats", "speed"}
+# words of which the field has a plainer one
+UNUSUAL = re.compile(r"\b(mend(s|ed|ing)?|refuse[sd]?|beside|obeyed|serves)\b", re.IGNORECASE)
+# extras for work on splatgl itself
+OWN_EXTRAS = {"all", "dev", "peers", "release"}
 # pages of the guide without a picture, or without a reference at the end
 NO_PICTURE = {"api", "changelog", "examples", "plugins", "stability"}
 NO_REFERENCE = {"api", "changelog", "index", "plugins"}
@@ -125,7 +133,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 def test_the_readme_is_short_and_begins_with_two_commands() -> None:
     assert len(TOP.read_text(encoding="utf-8").splitlines()) <= MOST_LINES
     scripts = [line for block in blocks(TOP) for line in block.text.splitlines() if line.startswith("scripts/")]
-    assert scripts == ["scripts/run render tunnel -o tunnel.png", "scripts/test"]
+    assert scripts == ["scripts/run render nerve -o nerve.png", "scripts/test"]
 
 
 @pytest.mark.parametrize("path", GUIDE, ids=lambda path: path.stem)
@@ -137,6 +145,17 @@ def test_every_page_opens_with_a_task_and_ends_with_its_reference(path: Path) ->
     assert third.startswith("![") or path.stem in NO_PICTURE | {"gallery"}
     headings = re.findall(r"(?m)^## (.+)$", text)
     assert path.stem in NO_REFERENCE or headings[-1].startswith("Reference")
+
+
+def test_the_guide_is_short() -> None:
+    words = {path.stem: len(path.read_text(encoding="utf-8").split()) for path in GUIDE}
+    assert {name: n for name, n in words.items() if n > MOST_PAGE_WORDS and name not in TABLES} == {}
+    assert sum(words.values()) - words["changelog"] <= MOST_WORDS
+
+
+@each_page
+def test_words_are_plain(path: Path) -> None:
+    assert path.stem == "changelog" or UNUSUAL.findall(prose(path)) == []
 
 
 def test_every_page_is_in_the_site() -> None:
@@ -189,6 +208,22 @@ def test_other_programs_exist() -> None:
             assert set(extras.split(",")) <= set(project["optional-dependencies"])
         elif program not in ("splatgl", "pytest"):
             assert (ROOT / program).is_file(), line
+
+
+@each_page
+def test_no_command_needs_an_index_that_has_no_splatgl(path: Path) -> None:
+    """From a checkout or a wheel; workflows and inline code included."""
+    text = path.read_text(encoding="utf-8")
+    assert re.findall(r"""pip install [^`\n]*?(?<![\w./-])splatgl(?:\[[\w,]*\])?["'`\s]""", text + "\n") == []
+
+
+def test_every_extra_is_in_the_table() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    (whole,) = extras["all"]
+    in_all = set(whole.removeprefix("splatgl[").removesuffix("]").split(","))
+    rows = re.findall(r"(?m)^\| (`[^|]+) \| (yes)? ?\| ", (DOCS / "getting-started.md").read_text(encoding="utf-8"))
+    listed = {name: bool(yes) for names, yes in rows for name in re.findall(r"`([\w-]+)`", names)}
+    assert listed == {name: name in in_all for name in extras.keys() - OWN_EXTRAS}
 
 
 # what the tests of these commands run, on less
@@ -281,6 +316,19 @@ def write_surface(name: str) -> None:
     Path(name).write_text(SURFACE)
 
 
+def write_channels(name: str) -> None:
+    tifffile = pytest.importorskip("tifffile")
+    size = {f"PhysicalSize{axis}": 0.2 for axis in "XYZ"}
+    about = {"axes": "CZYX", "Channel": {"Name": ["DAPI", "GFP"]}, **size}
+    both = np.stack([blob(16, 16, 16), blob(16, 16, 16)[:, ::-1]]) / 2
+    tifffile.imwrite(name, both.astype(np.uint8), ome=True, metadata=about)
+
+
+def write_dicom(name: str) -> None:
+    pytest.importorskip("pydicom")
+    dicom.written(Path(name), blob(16, 16, 16) * 4 - 1000)
+
+
 def write_kernel(name: str) -> None:
     text = 'import splatgl as sg\nsmooth = sg.PiecewiseCubic.of_family("my-smooth", 1.0, 0.0)\n'
     Path(f"{name}.py").write_text(text)
@@ -297,6 +345,8 @@ FILES: dict[str, Callable[[str], None]] = {
     "visible_male_128x256x256_uint8.raw": write_raw,
     "lung_ct_115x157x129.mha": write_metaimage,
     "carotid_76x49x45_scalar_and_velocity.vtk": write_flow,
+    "cells.ome.tif": write_channels,
+    "dicom_folder": write_dicom,
     "implant.ply": write_mesh,
     "my_kernels": write_kernel,
     "surface.vtp": write_surface,
