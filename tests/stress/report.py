@@ -272,8 +272,8 @@ def as_markdown(results: Sequence[Result]) -> str:
         error, bound = (_error(value, worst.relative) for value in (worst.error, worst.bound))
         paper = "" if worst.paper_error is None else _error(worst.paper_error, worst.relative)
         marked = error if result.ok else f"**{error}**"
-        lines.append((f"`{result.case.name}`", result.case.stresses, marked, bound, paper))
-    table = Table(("case", "what is extreme", "error", "bound", "paper's"), tuple(lines))
+        lines.append((f"`{result.case.name}`", marked, bound, paper))
+    table = Table(("case", "error", "bound", "paper's"), tuple(lines))
     return table.markdown()
 
 

@@ -73,7 +73,7 @@ def differs_from_the_guide(result: Result) -> str:
 def numbers_of(text: str, name: str) -> list[float]:
     """The error, the bound and the paper's error of a case in a Markdown table; 0 for none."""
     (row,) = (line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
-    cells = [cell.strip() for cell in row.replace("\\|", "").split("|")[3:6]]
+    cells = [cell.strip() for cell in row.split("|")[2:5]]
     return [float(cell.rstrip("%") or 0) / (100 if cell.endswith("%") else 1) for cell in cells]
 
 
@@ -82,7 +82,7 @@ def test_a_stale_row_of_the_guide_is_found(monkeypatch: pytest.MonkeyPatch, tmp_
     case, fine = CASES["wall-0.99"], (0.0031, 0.0039, 0.025)
     guide = tmp_path / "guide.md"
     monkeypatch.setattr("tests.stress.test_stress.GUIDE", guide)
-    row = "| `wall-0.99` | a wall of \\|v\\| | {} | {} | {} |\n"
+    row = "| `wall-0.99` | {} | {} | {} |\n"
     checks = (check("α", 1 - fine[0], 1.0, fine[1], paper=1 - fine[2]),)
     for written, stale in ((fine, False), ((0.0036, 0.0039, 0.03), False), ((0.0076, 0.012, 0.48), True)):
         guide.write_text(row.format(*written))
@@ -216,10 +216,7 @@ def test_tables_fit_a_terminal(results: list[Result]) -> None:
 
 def test_a_table_has_a_row_for_each_case(results: list[Result]) -> None:
     table = as_markdown(results)
-    assert "| `made-up` | nothing | **0.6** | 0.5 |" in table
-    barred = Case("barred", "|v|² in a cell", "by hand", "none", raises)
-    row = as_markdown([Result(barred, results[0].checks, 1, 0, 0.0)]).splitlines()[2]
-    assert row.replace(r"\|", "").count("|") == 6
+    assert "| `made-up` | **0.6** | 0.5 |" in table and "| `rim` | " in table
 
 
 def test_a_broken_bound_is_exit_code_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
