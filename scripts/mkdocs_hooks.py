@@ -16,6 +16,7 @@ from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.cli.main import COMMANDS, _parser
 from splatgl.options import declared
 from splatgl.planning.technique import TECHNIQUES, table_of_unsupported
+from splatgl.readers import FORMATS, LoadOptions
 from splatgl.report.page import REGISTRY, registry
 from splatgl.splat.settings import Settings
 from splatgl.viewer import commands
@@ -95,7 +96,18 @@ def methods() -> str:
     return Table(REGISTRY, tuple(registry()), title).markdown()
 
 
+def reader_options() -> str:
+    """Table of the options of reading that have a help text, with the formats that take each."""
+    rows = []
+    for name, option in declared(LoadOptions).items():
+        # without "compressed" and the like
+        formats = dict.fromkeys(form.title.partition(",")[0] for form in FORMATS if name in form.options)
+        rows += [(f"`{name}`", ", ".join(formats) or "all", _escaped(option.help))] * bool(option.help)
+    return Table(("option", "formats", "meaning"), tuple(rows)).markdown()
+
+
 TABLES = {
+    "reader_options": reader_options,
     "settings": settings,
     "annotations": annotations,
     "keys": keys,
