@@ -565,7 +565,6 @@ def test_names_exist(path: Path) -> None:
 
 # options of pytest and of plugins that a page compares with its own
 OTHERS = {"--junitxml", "--mpl", "--mpl-generate-path", "--mpl-baseline-path", "--mpl-generate-summary"}
-OTHERS |= {"--force-regen", "--regen-all"}
 
 
 @cache
