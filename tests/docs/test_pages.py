@@ -238,7 +238,7 @@ ELSEWHERE = {
 # what takes long: other tests run these commands on less
 LONG = ("figure", "render terrain", "animate terrain", "animate tunnel", "visible_male", "--workers")
 # a picture and a movie are smaller here than in the guide
-SMALL = {"render": ["--size", "64"], "animate": ["--size", "24", "--frames", "2"]}
+SMALL = {"render": ["--size", "64"], "animate": ["--size", "64", "--frames", "2"]}
 
 
 def blob(*shape: int) -> np.ndarray:
