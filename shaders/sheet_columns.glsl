@@ -12,10 +12,14 @@ int next_base(uint at, uint end, out uvec4 names) {
     return sheet_base(uintBitsToFloat(PACKED == 1 ? TEXEL(shapes, texel).w : texelFetch(matters, texel, 0).w));
 }
 
+#if ROWS == 1
+#define EACH(what) what(0)
+#else
 #define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
+#endif
 #define AT(row) (corner + ivec2(0, row))
 #define BEGIN(row) ray[row] = ray_of(center_of(row)); open_pixel(row);
-#define LIGHT_UP_TO(row) light[row] = imageLoad(target, AT(row));
+#define LIGHT_UP_TO(row) light[row] = LIGHT_AT(AT(row));
 #define RESUME(row) read_pixel(tile, row);
 #define ADD(row) add_four(row, four, ray[row], weights);
 #define TAKE(row) if (take_sheet(row, current)) seen = true;
@@ -24,7 +28,7 @@ int next_base(uint at, uint end, out uvec4 names) {
 #define KEEP(row) write_pixel(tile, row);
 #define EMPTY(row) begin_matter(row, is_continued);
 #define KEEP_MATTER(row) end_matter(row);
-#define END(row) imageStore(target, AT(row), mine.w == 1u && !partial ? shown(light[row]) : light[row]);
+#define END(row) SET_LIGHT(row, AT(row), mine.w == 1u && !partial ? shown(light[row]) : light[row]);
 
 // Returns whether a condition holds in any column of the subgroup, which then stays together; without votes, in this one.
 bool any_column(bool so) {
@@ -36,6 +40,7 @@ bool any_column(bool so) {
 }
 
 float least_opacity() {
+    if (ROWS == 1) return light[0].a;
     return min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
                min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
 }
@@ -128,7 +133,7 @@ void composite_tile(uvec4 mine, uint lane) {
     }
     EACH(KEEP_MATTER)
     EACH(END)
-    if (least <= opaque) open[tile] = 1u;
+    if (least <= opaque) STAY_OPEN(tile);
     // of all columns, as those behind the box go on with the others
     if (CARRIED == 1 && mine.w == 0u && any_open()) {
         EACH(KEEP)

@@ -1,7 +1,6 @@
 // Places splats in drawing order, one per texel of the output textures, which hold what a quad's varyings hold.
 // switch ORDERED 1  records are read in the order of a texture
 // switch CULLED 0   only visible blocks are placed
-// version 430
 #define VARYING
 #define FLAT
 #include "splat_setup.glsl"
@@ -17,7 +16,7 @@ uniform usampler2D order;     // indices of records
 uniform uint first;           // range of the drawing order, end exclusive
 uniform uint end;
 uniform float reach;          // share of a footprint's radius within which it is drawn for certain
-layout(std430, binding = 4) readonly buffer Blocks { uint blocks[]; };  // visible blocks of the drawing order
+uniform usampler2D blocks;    // visible blocks of the drawing order
 
 layout(location = 0) out uvec4 bounds;
 layout(location = 1) out uvec4 head;
@@ -51,7 +50,7 @@ void main() {
     uint n = uint(at.y) * ABREAST + uint(at.x);
     bool drawn = true;
     if (CULLED == 1) {
-        n = blocks[n / BLOCK] * BLOCK + n % BLOCK;
+        n = texelFetch(blocks, texel_of(n / BLOCK), 0).r * BLOCK + n % BLOCK;
         drawn = n >= first && n < end;
     } else n += first;
     if (ORDERED == 1) n = texelFetch(order, texel_of(n), 0).r;
@@ -68,7 +67,10 @@ void main() {
     Extent extent = extent_of(triangle, reach * form_radius(v, it.center, half_side, triangle));
     vec2 words = packed_extent(extent);
     // where it is wider than a picture can be
-    float middle = unpacked_extent(words).width < 65504.0 ? it.center.x : frame.image_center.x;
+    float middle = it.center.x;
+#if COMPUTE
+    if (unpacked_extent(words).width >= 65504.0) middle = frame.image_center.x;
+#endif
     bounds = floatBitsToUint(vec4(middle, it.center.y, half_side > 0.0 ? words.x : UNSEEN, words.y));
     head = floatBitsToUint(vec4(it.center, splat.a, half_side));
     shape = floatBitsToUint(it.to_local);

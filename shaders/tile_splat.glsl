@@ -6,7 +6,7 @@
 
 uniform usampler2D list;
 // a processor reads an image in half the instructions of a texel
-#if CARD == 1
+#if CARD == 1 || COMPUTE == 0
 #define TEXEL(name, at) texelFetch(name, at, 0)
 uniform usampler2D heads;
 uniform usampler2D shapes;

@@ -5,6 +5,7 @@
 // if bent, further textures of footprint terms. If packed, its gradient and place in sheets are where the colour was.
 // switch SHEETS 0  sheets that share a splat; 0: splats composite one by one
 // switch PACKED 0  gradients of 17 bits a component
+// switch COMPUTE 1  compute shaders list splats; without, bounds hold the half sides of the box around the ellipse
 #include "varyings.glsl"
 #constant COLUMNS  // pixels of a tile
 #constant TILE_ROWS
@@ -87,6 +88,7 @@ Extent extent_of(vec3 t, float radius) {
     return Extent(radius / t.z + PIXEL_MARGIN, radius / t.x + PIXEL_MARGIN * (1.0 + abs(k)), k);
 }
 
+#if COMPUTE
 // In the last two words of bounds. Wider than any picture, it is everywhere in its rows.
 vec2 packed_extent(Extent it) {
     const float most = 60000.0;
@@ -100,6 +102,11 @@ Extent unpacked_extent(vec2 words) {
     vec2 rest = unpackHalf2x16(floatBitsToUint(words.y));
     return Extent(words.x, rest.x, rest.y);
 }
+#else
+vec2 packed_extent(Extent it) {
+    return vec2(it.height, length(vec2(it.width, it.k * it.height)));
+}
+#endif
 
 // First and last of `many` tiles along an axis with a pixel's centre between the ends.
 ivec2 reached_by(vec2 ends, float origin_, int side, int many) {

@@ -145,11 +145,11 @@ def _check_backend(opengl: OpenGL) -> tuple[list[str], bool]:
 def _check_images(opengl: OpenGL) -> tuple[list[str], bool]:
     """Lines with the techniques of the context and the error of each image, and whether all are correct."""
     with open_renderer(opengl) as renderer:
-        tiles = renderer.tiles is not None
+        tiles = renderer.tiles is True
         results = {name: _check_image(renderer, name, *image) for name, image in _images(tiles).items()}
     enabled = "compute shaders: draws by tiles, quads and streaks"
     if not tiles:
-        enabled = "no compute shaders (OpenGL 4.3): only quads, which are slower, and streaks"
+        enabled = "no compute shaders (OpenGL 4.3): draws sheets by tiles, splats by quads and streaks, which are slower"
     return [f"  {enabled}", *(line for line, _ in results.values())], all(right for _, right in results.values())
 
 

@@ -296,7 +296,7 @@ class ReusedTextures:
             self.textures = [_filled(self.ctx, part) for part in words]
         else:
             for texture, part in zip(self.textures, words, strict=True):
-                _write(texture, part)
+                write_words(texture, part)
         first, rest = self.textures
         return SplatTexels(first, rest, None)
 
@@ -384,11 +384,11 @@ def _filled(ctx: moderngl.Context, words: np.ndarray) -> moderngl.Texture:
     channels = min(words.shape[1], 4)
     size = ABREAST * words.shape[1] // channels, uneven(_rows(words))
     texture = texel_texture(ctx, size, channels, "u4")
-    _write(texture, words)
+    write_words(texture, words)
     return texture
 
 
-def _write(texture: moderngl.Texture, words: np.ndarray) -> None:
+def write_words(texture: moderngl.Texture, words: np.ndarray) -> None:
     """Writes words [N, n] into a texture's first rows, PART at a time: a padded copy of all would double the memory."""
     for first in range(0, max(len(words), 1), PART):
         part = _padded(words[first : first + PART])

@@ -22,6 +22,7 @@ from splatgl.gl.meshes import DepthLimits, Surfaces
 from splatgl.gl.program import cover
 from splatgl.gl.quads import Quads, SheetQuads
 from splatgl.gl.shader import ComputeShape
+from splatgl.gl.sheet_fragments import SheetFragments
 from splatgl.gl.sheet_tiles import SheetTiles, SplatBatches
 from splatgl.gl.target import Portions, RenderTarget
 from splatgl.gl.tiles import SplatTiles, Tiles
@@ -62,14 +63,14 @@ class Passes:
         self.ctx, self.targets, self.tiles = ctx, device.targets, Tiles(device)
         self.single, self.sheets = SingleSamples(device), SheetTiles(device, self.tiles)
         quads, splats, single = Quads(device), SplatTiles(device, self.tiles), None if device.card else self.single
-        self.adaptive = AdaptiveSamples(self.sheets, single)
         self.layers = LayerTiles(device, self.sheets, splats, single)
         self.sheet_quads, self.layer_quads = SheetQuads(device), LayerQuads(device)
+        fragments = SheetFragments(device, self.sheet_quads, self.single)
         self.techniques: dict[str, Technique] = {
             "quads": quads,
             "tiles": splats,
             "sheets in quads": self.sheet_quads,
-            "sheets in tiles": self.adaptive,
+            "sheets in tiles": AdaptiveSamples(self.sheets, single) if device.compute else fragments,
             "boxes in quads": quads,
             "boxes in tiles": splats,
             "streaks": quads,
@@ -103,7 +104,7 @@ class Passes:
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         # of a cancelled picture
         self.single.kept = None
-        card = self.device.card if plan.program.technique == "tiles" and batches is None else None
+        card = self.device.card if self._computes(plan) and batches is None else None
         while True:
             target.clear()
             if len(splats) and not plan.window.is_empty:
@@ -158,9 +159,13 @@ class Passes:
             self.surfaces.composite(target, part, light)
         return self._read(target, replace(plan, window=PixelWindow(0, 0, *plan.view.size)), portions)
 
+    def _computes(self, plan: Plan) -> bool:
+        """Whether compute shaders draw a plan; others draw tiles of one volume alone."""
+        return self.device.compute and plan.program.technique == "tiles"
+
     def _layers_by(self, plan: Plan) -> LayerTiles | LayerQuads:
         """Returns what draws layers by the technique of a plan."""
-        return self.layers if plan.program.technique == "tiles" else self.layer_quads
+        return self.layers if self._computes(plan) else self.layer_quads
 
     def joined(self, samples: np.ndarray, whole: Splats, plan: Plan) -> np.ndarray:
         """Returns the picture of joined samples of its parts, float32 [H, W, 4]."""
@@ -168,7 +173,7 @@ class Passes:
         target.texture.write(np.ascontiguousarray(samples, np.float32), (0, 0, *target.size))
         if plan.program.appearance.shows_value:
             self._bind(whole, plan)
-            if plan.program.technique == "tiles":
+            if self._computes(plan):
                 self.sheets.show(target, whole, plan)
             else:
                 self.sheet_quads.show_samples(target, whole, plan, samples)
@@ -194,7 +199,7 @@ class Passes:
     ) -> None:
         self._bind(splats, plan)
         if batches is not None:
-            drawing = self.sheets if plan.program.technique == "tiles" else self.sheet_quads
+            drawing = self.sheets if self._computes(plan) else self.sheet_quads
             drawing.draw_batches(target, splats, plan, batches, portions)
             return
         appearance = plan.program.appearance

@@ -31,7 +31,7 @@ from splatgl.planning.error_bound import bound
 from splatgl.planning.plan import Plan, plan
 from splatgl.planning.resolve import why_per_splat
 from splatgl.planning.scene import ResolvedScene, Scene, ScenePlan, join_pictures, plan_scene
-from splatgl.planning.technique import OcclusionCulling
+from splatgl.planning.technique import OcclusionCulling, TileSupport
 from splatgl.splat.extract_values import post_splats
 from splatgl.splat.motion import Motion, Supersampling
 from splatgl.splat.settings import FULL_SHUTTER, Settings
@@ -46,8 +46,6 @@ FINER: dict[str, Any] = {
     "target": "rgba32f",
     "technique": "auto",
 }
-# OpenGL version with compute shaders
-COMPUTE = 430
 
 
 @public
@@ -55,7 +53,7 @@ class Renderer:
     """Headless renderer. Use it in a `with` block, or call `close()`.
 
     backend: egl, osmesa, window or auto. device: index of the EGL device. require_gpu: fail with a software renderer.
-    shape: of compute shaders, processor or card; None: SPLATGL_SHAPE, or by the device. Raises
+    shape: of shaders of tiles, processor or card; None: SPLATGL_SHAPE, or by the device. Raises
     InputError if no context can be opened.
     """
 
@@ -69,7 +67,7 @@ class Renderer:
             self.info = context_info(self.ctx)
             self.passes = Passes(self.ctx, self.owned, choose_shape(self.info.software, shape))
             # tiles are faster than quads on processors and on cards
-            self.tiles = True if self.ctx.version_code >= COMPUTE else None
+            self.tiles: TileSupport = True if self.passes.device.compute else "sheets"
         except BaseException:
             self.owned.close()
             raise

@@ -25,8 +25,10 @@ from splatgl.gl.buffers import (
     chunks,
     clear_buffer,
     free,
+    order_texture,
     texel_texture,
     uneven,
+    write_words,
 )
 from splatgl.gl.card_lists import MOST_BAND, MOST_SPLATS, CardLists
 from splatgl.gl.device import Device
@@ -53,7 +55,7 @@ MOST_TILES, ENTRIES = 65_535, 2**20
 # texture units of the placed splats, the list, and the records with their order
 PLACED_UNIT, LIST_UNIT, RECORDS_UNIT = 8, 5, 5
 # bindings of storage buffers; image units of the target, before those of heads and shapes, and of what is listed
-CURSORS, DONE, LISTS, OPEN, BLOCKS, LISTED_BUFFER, IMAGE, BOUNDS = 0, 1, 2, 3, 4, 6, 0, 0
+CURSORS, DONE, LISTS, OPEN, LISTED_BUFFER, IMAGE, BOUNDS = 0, 1, 2, 3, 6, 0, 0
 # textures of placed splats, see tiles.glsl; a program uses the first three to seven, see `_textures`
 PLACED = ("bounds", "heads", "shapes", "matters", "bends", "cubics", "mixeds")
 
@@ -157,8 +159,14 @@ class Adder(Protocol):
 class Projector:
     """Projects splats into textures."""
 
-    def __init__(self, device: Device, buffers: Buffers) -> None:
-        self.ctx, self.programs, self.buffers = device.ctx, device.programs, buffers
+    def __init__(self, device: Device) -> None:
+        self.ctx, self.programs, self.compute = device.ctx, device.programs, device.compute
+        self.blocks: moderngl.Texture | None = None
+
+    def release(self) -> None:
+        """Frees the texture of visible blocks; it is recreated on demand."""
+        free(self.blocks)
+        self.blocks = None
 
     def project(
         self, spec: Spec, into: ProjectedSplats, texels: SplatTexels, which: Range, shown: np.ndarray | None = None
@@ -175,15 +183,18 @@ class Projector:
         if shown is not None:
             first = which[0] // BLOCK
             blocks = first + np.flatnonzero(shown[first : -(-which[1] // BLOCK)])
-            self.buffers.bind(BLOCKS, max(blocks.size, 1) * 4).write(blocks.astype(np.uint32))
+            self.blocks = order_texture(self.ctx, self.blocks, blocks.size)
+            write_words(self.blocks, blocks.astype(np.uint32)[:, None])
             count = blocks.size * BLOCK
-        program = self._program(spec, {"ORDERED": texels.order is not None, "CULLED": shown is not None})
+        switches = {"ORDERED": texels.order is not None, "CULLED": shown is not None, "COMPUTE": self.compute}
+        program = self._program(spec, switches)
         height = max(-(-count // ABREAST), 1)
         self._make(into, _textures(spec.plan.program), height)
-        for unit, texture in enumerate((texels.records, texels.rest, texels.order)):
+        read = {"records": texels.records, "rest": texels.rest, "order": texels.order, "blocks": self.blocks}
+        for unit, (name, texture) in enumerate(read.items()):
             if texture is not None:
                 texture.use(RECORDS_UNIT + unit)
-        set_uniforms(program, records=RECORDS_UNIT, rest=RECORDS_UNIT + 1, order=RECORDS_UNIT + 2)
+                set_uniforms(program, **{name: RECORDS_UNIT + unit})
         set_uniforms(program, first=which[0], end=which[1])
         assert into.framebuffer is not None
         into.framebuffer.use()
@@ -303,14 +314,14 @@ class Tiles:
     def __init__(self, device: Device) -> None:
         self.programs, self.card = device.programs, device.card
         self.buffers = Buffers(device.ctx)
-        self.projector, self.lister = Projector(device, self.buffers), Lister(device, self.buffers)
+        self.projector, self.lister = Projector(device), Lister(device, self.buffers)
         # splats that are drawn; those of bands that are held, with their lists; those to use next, the last first
         self.placed = ProjectedSplats()
         self.parts, self.spare = list[tuple[PixelWindow, ProjectedSplats]](), list[ProjectedSplats]()
 
     def release(self) -> None:
         """Frees all buffers and textures; they are recreated on demand."""
-        free(self.buffers, self.placed, *self.spare, *(placed for _, placed in self.parts))
+        free(self.buffers, self.projector, self.placed, *self.spare, *(placed for _, placed in self.parts))
         self.placed, self.parts, self.spare = ProjectedSplats(), [], []
 
     def reuse_parts(self) -> None:

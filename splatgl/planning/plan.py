@@ -22,6 +22,7 @@ from splatgl.planning.technique import (
     SHARE,
     OcclusionCulling,
     TechniqueRequest,
+    TileSupport,
     alignment,
     choose_footprint,
     choose_technique,
@@ -303,15 +304,15 @@ def plan(
     camera: Camera | Any,
     settings: Settings | Any | None = None,
     motion: Motion | None = None,
-    tiles: bool | None = False,
+    tiles: TileSupport = False,
 ) -> Plan:
     """The plan of a picture, in which no setting is `auto`. motion: of the scene since the previous frame. tiles:
-    whether the renderer prefers them; None if unsupported.
+    whether the renderer prefers them; "sheets": for these alone; None if unsupported.
     """
     return plan_layer(ResolvedLayer.of(splats, camera, settings or Settings(), motion), tiles)
 
 
-def plan_layer(layer: ResolvedLayer, tiles: bool | None) -> Plan:
+def plan_layer(layer: ResolvedLayer, tiles: TileSupport) -> Plan:
     """The plan of a picture whose settings are resolved. tiles: as of `plan`."""
     splats, resolved, settings, exposure = layer.front, layer.resolved, layer.blurred.settings, layer.blurred.exposure
     shape, view, appearance, notes = resolved.kernel, resolved.view, resolved.appearance, list(resolved.notes)

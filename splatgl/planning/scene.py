@@ -36,6 +36,7 @@ from splatgl.planning.resolve import (
     samples_per_pixel,
 )
 from splatgl.readers import load_source
+from splatgl.planning.technique import TileSupport
 from splatgl.splat.extract import extract
 from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces
@@ -451,7 +452,7 @@ def plan_scene(
     camera: Camera,
     settings: Settings,
     motion: Motion | None = None,
-    tiles: bool | None = False,
+    tiles: TileSupport = False,
 ) -> ScenePlan:
     """Plans a picture of splats, or of the visible layers of a scene. motion, tiles: as of `plan`.
 

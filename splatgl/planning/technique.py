@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -93,15 +93,19 @@ POLYNOMIAL_TOLERANCE = 1e-3
 SINGLE_TOLERANCE = 3e-3
 
 
+# what a renderer draws in tiles: whether it prefers them; "sheets": these alone; None: nothing
+TileSupport = bool | Literal["sheets"] | None
+
+
 @dataclass(frozen=True)
 class TechniqueRequest:
-    """Settings and motion of a picture. tiles: whether the renderer prefers them; None: unsupported. sheets: whether
-    splats add up within sheets. boxes: whether splats are boxes of voxels.
+    """Settings and motion of a picture. tiles: what the renderer draws in them. sheets: whether splats add up within
+    sheets. boxes: whether splats are boxes of voxels.
     """
 
     settings: Settings
     moving: bool
-    tiles: bool | None
+    tiles: TileSupport
     sheets: bool = False
     boxes: bool = False
 
@@ -125,7 +129,7 @@ def _why_not_streaks(request: TechniqueRequest) -> str | None:
 def _why_not_tiles(request: TechniqueRequest) -> str | None:
     if request.moving:
         return "motion"
-    if request.tiles is None:
+    if request.tiles is None or (request.tiles == "sheets" and not request.sheets):
         return "an OpenGL without compute shaders, older than 4.3"
     return why_not_front_to_back(request.settings)
 
