@@ -1,6 +1,7 @@
 // Places splats in drawing order, one per texel of the output textures, which hold what a quad's varyings hold.
 // switch ORDERED 1  records are read in the order of a texture
 // switch CULLED 0   only visible blocks are placed
+// version 430 if COMPUTE
 #define VARYING
 #define FLAT
 #include "splat_setup.glsl"

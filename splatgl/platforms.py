@@ -27,6 +27,15 @@ INSTALL = {
     "wgl": WINDOWS_DRIVER,
     "cgl": "update macOS, which brings OpenGL 4.1",
 }
+# the same where DISPLAY names a display on which no window opens, and where its server has no OpenGL
+NO_SERVER, NO_GLX = "correct DISPLAY", "enable GLX on the display (Xvfb, Xvnc: +extension GLX)"
+
+
+def window_fix(reason: str) -> str:
+    """Returns what to do where a display that the environment names opens no window, by GLFW's reason."""
+    if sys.platform in ("darwin", "win32"):
+        return DISPLAY_FIX
+    return f"{NO_GLX if 'GLX' in reason else NO_SERVER}, or use splatgl render"
 
 
 def has_display() -> bool:

@@ -36,7 +36,7 @@ LONG = pytest.StashKey[dict[str, bool]]()
 def has_compute_shaders() -> bool:
     """Whether the OpenGL that tests draw with has them."""
     with sg.Renderer() as renderer:
-        return renderer.tiles is not None
+        return renderer.tiles is True
 
 
 def skip_without_compute_shaders() -> None:

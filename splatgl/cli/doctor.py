@@ -149,7 +149,9 @@ def _check_images(opengl: OpenGL) -> tuple[list[str], bool]:
         results = {name: _check_image(renderer, name, *image) for name, image in _images(tiles).items()}
     enabled = "compute shaders: draws by tiles, quads and streaks"
     if not tiles:
-        enabled = "no compute shaders (OpenGL 4.3): draws sheets by tiles, splats by quads and streaks, which are slower"
+        enabled = (
+            "no compute shaders (OpenGL 4.3): draws sheets by tiles, splats by quads and streaks, which are slower"
+        )
     return [f"  {enabled}", *(line for line, _ in results.values())], all(right for _, right in results.values())
 
 

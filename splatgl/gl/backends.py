@@ -15,7 +15,6 @@ import ctypes
 import os
 import sys
 import threading
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -645,9 +644,11 @@ def _glfw_errors() -> Iterator[None]:
     import glfw
 
     glfw.get_error()  # clears earlier errors
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", glfw.GLFWError)
+    before, glfw.ERROR_REPORTING = glfw.ERROR_REPORTING, False
+    try:
         yield
+    finally:
+        glfw.ERROR_REPORTING = before
     code, description = glfw.get_error()
     if code != glfw.NO_ERROR:
         raise BackendError(description.decode() if isinstance(description, bytes) else str(description))

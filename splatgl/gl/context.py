@@ -26,7 +26,7 @@ from splatgl.gl.backends import (
     switch_to,
 )
 from splatgl.opengl import OpenGL
-from splatgl.platforms import BACKENDS, INSTALL
+from splatgl.platforms import BACKENDS, INSTALL, has_display, window_fix
 
 REQUIRE_GPU = "SPLATGL_REQUIRE_GPU"  # environment: 1 refuses software renderers
 GL_SHADING_LANGUAGE_VERSION = 0x8B8C  # gl.h
@@ -80,6 +80,9 @@ def open_context(opengl: OpenGL) -> moderngl.Context:
         fix = SPAWN
     elif require_gpu:
         fix = f"unset {REQUIRE_GPU} to draw in software"
+    elif requested == "window" and has_display():
+        # nothing draws a window without its display, not OSMesa either
+        fix = window_fix("; ".join(refusals))
     elif device is not None:
         fix = "leave the device out to take the first that works"
     raise expected(subject, "a context of version 3.3 or newer", "none (" + "; ".join(refusals) + ")", fix)

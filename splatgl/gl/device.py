@@ -25,8 +25,8 @@ def has_compute(ctx: moderngl.Context) -> bool:
 
 class Device:
     """Programs, targets, tables, fields, splats and near sheets of a context, and its uniform blocks `frame` and
-    `style`; shape: of shaders of tiles. compute: whether there are compute shaders. card: lists tiles on a graphics card
-    by these; None: of processors.
+    `style`; shape: of shaders of tiles. compute: whether there are compute shaders. card: lists tiles by these on a
+    graphics card; None: of processors.
     """
 
     def __init__(self, ctx: moderngl.Context, owned: ExitStack, shape: ComputeShape) -> None:

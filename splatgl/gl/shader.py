@@ -1,9 +1,10 @@
 """Composes shaders from the folder `shaders/`, with checked includes, switches and constants.
 
 A file declares each switch that it reads as `// switch NAME DEFAULT`, and each number shared with Python as
-`#constant NAME`. A stage that needs a later GLSL than 3.3 declares `// version 430`; included files may not, as an
-unused include would raise the version. An undeclared switch or constant, a missing file or an include cycle raises
-ShaderError with file and line. The composed text records the origin of each line, to explain compiler messages.
+`#constant NAME`. A stage that needs a later GLSL than 3.3 declares `// version 430`, or `// version 430 if SWITCH`;
+included files may not, as an unused include would raise the version. An undeclared switch or constant, a missing file
+or an include cycle raises ShaderError with file and line. The composed text records the origin of each line, to explain
+compiler messages.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ CONSTANT = re.compile(r"^#constant (\w+)")
 SWITCH = re.compile(r"^// switch (\w+) (\w+)(?:\s.*)?$")
 # line numbers of llvmpipe/Mesa ("0:12(3): error"), NVIDIA ("0(12) : error") and AMD/Intel ("ERROR: 0:12:")
 ERROR_LINE = re.compile(r"\b0[:(](\d+)")
-VERSION_LINE = re.compile(r"^// version (\d+)\s*$")
+VERSION_LINE = re.compile(r"^// version (\d+)(?: if (\w+))?\s*$")
 EXTENSION_LINE = re.compile(r"^// extension (\w+)$")
 VERSION = 330
 
@@ -123,8 +124,10 @@ def _declared(name: str) -> dict[str, str]:
 
 @lru_cache(maxsize=64)
 def _choosing(name: str) -> tuple[str, ...]:
-    """Returns the switches by which shader `name` and its includes choose files."""
-    named = [block.include[2] or "" for block in _expand(name, (), set()) if block.include]
+    """Returns the switches by which shader `name` and its includes choose files and the version."""
+    blocks = list(_expand(name, (), set()))
+    named = [block.include[2] or "" for block in blocks if block.include]
+    named += [block.version[2] for block in blocks if block.version]
     return tuple(sorted({switch for names in named for switch in names.split(" or ") if switch}))
 
 
@@ -133,8 +136,10 @@ def _expand_all(name: str, choosing: tuple[tuple[str, bool], ...]) -> tuple[str,
     """Returns version, extensions, code and the place of each of its lines. choosing: switches that choose
     files, and whether they are on.
     """
-    blocks = list(_expand(name, (), set(), {switch: str(int(on)) for switch, on in choosing}))
-    version = next((block.version[1] for block in blocks if block.version), str(VERSION))
+    on, off = ({switch for switch, is_on in choosing if is_on is wanted} for wanted in (True, False))
+    blocks = list(_expand(name, (), set(), {**dict.fromkeys(on, "1"), **dict.fromkeys(off, "0")}))
+    declared = (block.version for block in blocks if block.version and block.version[2] not in off)
+    version = next((number for _, number, _ in declared), str(VERSION))
     used = tuple(f"#extension {extension} : enable" for block in blocks for extension in block.extensions)
     code = "\n".join(line for block in blocks for line in block.code)
     return version, used, code, tuple(place for block in blocks for place in block.places)
@@ -149,7 +154,7 @@ def _expand(
     included.add(name)
     for block in _parsed(name):
         if outer and block.version:
-            place, _ = block.version
+            place, _, _ = block.version
             raise ShaderError(f"{place}: a version is declared by the stage that is composed, not by what it includes")
         yield block
         for file in _included(block.end, block.include, values) if block.include else ():
@@ -176,12 +181,12 @@ def _included(place: str, match: re.Match[str], values: Mapping[str, str] | None
 @dataclass
 class Block:
     """Lines of a file up to an include, or to its end: their places, and their code for the compiler; what they
-    declare, the version with its place; the include, and its place.
+    declare, the version with its place and its switch, if any; the include, and its place.
     """
 
     places: list[str] = field(default_factory=list)
     code: list[str] = field(default_factory=list)
-    version: tuple[str, str] | None = None
+    version: tuple[str, str, str] | None = None
     extensions: list[str] = field(default_factory=list)
     switches: dict[str, str] = field(default_factory=dict)
     include: re.Match[str] | None = None
@@ -208,7 +213,7 @@ def _parsed(name: str) -> list[Block]:
             elif match := EXTENSION_LINE.match(text):
                 block.extensions.append(match[1])
             elif match := VERSION_LINE.match(text):
-                block.version = place, match[1]
+                block.version = place, match[1], match[2] or ""
         block.places.append(place)
         # drivers cache programs by their text: without comments, a changed comment recompiles nothing
         block.code.append(COMMENT.sub("", text) if "//" in text else text)

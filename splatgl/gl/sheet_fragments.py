@@ -1,7 +1,7 @@
-"""Draws sheets in tiles without compute shaders: numpy lists the projected splats by tile, and fragments composite lists.
+"""Draws sheets in tiles without compute shaders: numpy lists the projected splats by tile, fragments composite lists.
 
-Every fragment of `sheet_draw.frag` draws a column of pixels of a tile, or on a graphics card one pixel, as an invocation
-of `sheet_draw.comp` does. Lists that this cannot draw at once are drawn by quads.
+Every fragment of `sheet_draw.frag` draws a column of pixels of a tile, or on a graphics card one pixel, as an
+invocation of `sheet_draw.comp` does. Lists that this cannot draw at once are drawn by quads.
 """
 
 from __future__ import annotations
@@ -238,7 +238,7 @@ class SheetFragments:
 
 
 def list_by_tile(names: np.ndarray, bounds: np.ndarray, window: PixelWindow, samples: int) -> TileLists | None:
-    """Returns the lists of the tiles of a window of pixels of `samples` samples a side; None beyond MOST_LISTED entries.
+    """Returns the lists of a window's tiles of pixels of `samples` samples a side; None beyond MOST_LISTED entries.
 
     bounds: centres (x, y) and half sides (y, x) in samples, float32 [N, 4], of splats `names` [N].
     """

@@ -35,8 +35,8 @@ from splatgl.planning.resolve import (
     extract_for_settings,
     samples_per_pixel,
 )
-from splatgl.readers import load_source
 from splatgl.planning.technique import TileSupport
+from splatgl.readers import load_source
 from splatgl.splat.extract import extract
 from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces

@@ -10,8 +10,10 @@ give the filled share of a pixel wider than a voxel, and its number of layers in
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, ClassVar, TypeVar
@@ -62,15 +64,40 @@ def _threads(process: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max((os.cpu_count() or 1) - 1, 1), "parts")
 
 
+class _Check(threading.local):
+    """State of a thread: what it calls between parts of its work."""
+
+    call: Callable[[], None] | None = None
+
+
+_check = _Check()
+
+
+@contextmanager
+def checked(check: Callable[[], None]) -> Iterator[None]:
+    """Has `in_parts` of this thread call `check` before every part, which ends the work by raising an error."""
+    before, _check.call = _check.call, check
+    try:
+        yield
+    finally:
+        _check.call = before
+
+
 def in_parts(count: int, size: int, work: Callable[[slice], Result]) -> list[Result]:
     """Runs `work` on slices of `size` out of `count` items in threads; returns the results in order."""
     parts = [slice(start, min(start + size, count)) for start in range(0, count, size)]
+
+    def run(part: slice) -> Result:
+        if _check.call is not None:
+            _check.call()
+        return work(part)
+
     if len(parts) < 2:
-        return [work(part) for part in parts]
+        return [run(part) for part in parts]
     futures = [_threads(os.getpid()).submit(work, part) for part in parts]
     try:
         # this thread works on what no other has begun: nested calls never wait for a free thread
-        done = {n: work(part) for n, part in enumerate(parts) if futures[n].cancel()}
+        done = {n: run(part) for n, part in enumerate(parts) if futures[n].cancel()}
         return [done[n] if n in done else future.result() for n, future in enumerate(futures)]
     finally:
         for future in futures:

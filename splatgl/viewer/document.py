@@ -231,10 +231,19 @@ class Document:
         """Whether all splats that can be drawn are extracted."""
         return set(self.extracted) >= set(STRIDES[self.exceeds_budget :])
 
-    def extract(self, stride: int, progress: Callable[[LayerSplats], Progress] | None = None) -> None:
-        """Extracts the splats of all visible layers at a stride. progress: of a layer, called before its extraction."""
+    def extract(
+        self,
+        stride: int,
+        progress: Callable[[LayerSplats], Progress] | None = None,
+        extracted: Callable[[LayerSplats], None] | None = None,
+    ) -> None:
+        """Extracts the splats of all visible layers at a stride. progress: of a layer, called before its extraction;
+        extracted: called after it.
+        """
         for layer in self.drawn_layers:
             layer.shell(stride, progress and progress(layer))
+            if extracted:
+                extracted(layer)
 
     def with_styles(
         self, styles: Sequence[LayerStyle], mesh_files: Sequence[MeshFile], settings: Settings, moving: bool = False

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import Any, TypeVar
 
@@ -12,12 +13,15 @@ import numpy as np
 
 from splatgl.errors import USER_ERRORS, error_text
 from splatgl.splat.extract import Progress
+from splatgl.splat.splats import checked
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document
 from splatgl.viewer.layer_splats import LayerSplats
 
 # most voxels of a stride that is extracted while a transfer function is edited: some 0.1 s
 QUICK = 1 << 19
+# seconds per voxel of an extraction that is not measured yet; share of its time after which progress slows down
+PACE, SURE = 1e-6, 0.7
 # how much other processes yield to the window
 NICE = 10
 
@@ -121,10 +125,29 @@ class Jobs:
             self.wake()
 
 
-class Extractor:
-    """Extracts missing splats of a document. share: of all voxels that are being extracted, those
-    that are done.
+@dataclass(frozen=True)
+class ExtractedPart:
+    """A layer at a stride that is being extracted, from `begin` to `end` of all work: since when, its voxels, seconds
+    per voxel at the stride before, if known, and the share of it that is done for certain.
     """
+
+    begin: float = 0.0
+    end: float = 0.0
+    begun: float = 0.0
+    voxels: int = 0
+    pace: float | None = None
+    done: float = 0.0
+
+    def share(self, now: float) -> float:
+        """The share of all work that is done, by the time that this part takes at the pace of the one before."""
+        passed = (now - self.begun) / max(self.voxels * (self.pace or PACE), 1e-3)
+        # ever slower towards the end, but it never stands still
+        expected = passed if passed < SURE else 1 - (1 - SURE) ** 2 / (passed + 1 - 2 * SURE)
+        return self.begin + (self.end - self.begin) * max(self.done, expected)
+
+
+class Extractor:
+    """Extracts missing splats of a document."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self.jobs = Jobs(wake)
@@ -132,12 +155,13 @@ class Extractor:
         # the document whose extraction failed, and why: it is not tried again
         self.failed: Document | None = None
         self.why = ""
-        self.share = 0.0
+        # the part of the running job that is being extracted
+        self.part = ExtractedPart()
 
     @property
     def busy(self) -> str | None:
         """The work that is being done, with its progress; None if nothing is."""
-        return f"extracting {self.share:.0%}" if self.jobs.busy else None
+        return f"extracting {self.part.share(time.monotonic()):.0%}" if self.jobs.busy else None
 
     def request(self, document: Document, resting: bool) -> None:
         """Extracts the missing strides of a document; while its values are being edited, only quick ones."""
@@ -166,26 +190,35 @@ class Extractor:
     def _extract(self, document: Document, strides: list[int]) -> None:
         strides = [stride for stride in strides if stride > 1 or not document.exceeds_budget]
         counts = [layer.volumes[STRIDES.index(stride)].count for stride in strides for layer in document.drawn_layers]
-        begins = iter(np.cumsum([0, *counts]) / max(sum(counts), 1))
-        end = float(next(begins))
+        begins = iter((np.cumsum([0, *counts]) / max(sum(counts), 1)).tolist())
+        self.part = ExtractedPart(end=next(begins), begun=time.monotonic())
+        # seconds per voxel of every layer at the stride before
+        paces: dict[LayerSplats, float] = {}
 
-        def of_layer(_: LayerSplats) -> Progress:
-            nonlocal end
-            begin, end = end, float(next(begins))
-            self.share = begin
+        def check() -> None:
+            if not _same_layers(self.wanted, document):
+                raise JobCancelled
+
+        def of_layer(layer: LayerSplats) -> Progress:
+            ends, now = (self.part.end, next(begins)), time.monotonic()
+            self.part = ExtractedPart(*ends, now, counts.pop(0), paces.get(layer))
 
             def progress(parts: Iterator[T], count: int) -> Iterator[T]:
                 for number, part in enumerate(parts):
-                    if not _same_layers(self.wanted, document):
-                        raise JobCancelled
-                    self.share = begin + (end - begin) * number / max(count, 1)
+                    check()
+                    self.part = replace(self.part, done=number / max(count, 1))
                     yield part
 
             return progress
 
+        def extracted(layer: LayerSplats) -> None:
+            pace = (time.monotonic() - self.part.begun) / max(self.part.voxels, 1)
+            paces[layer] = max(pace, PACE / 10)
+
         for stride in strides:
             try:
-                document.extract(stride, of_layer)
+                with checked(check):
+                    document.extract(stride, of_layer, extracted)
             except USER_ERRORS as error:
                 self.failed, self.why = document, error_text(error)
                 raise

@@ -6,7 +6,6 @@ import ctypes
 import ctypes.util
 import os
 import sys
-import warnings
 from typing import TYPE_CHECKING, Any
 
 from splatgl.annotations.text import legible
@@ -37,8 +36,8 @@ class Window:
         self.at: Place = self._pixels(*glfw.get_cursor_pos(self.handle))
         # place and size before fullscreen
         self.before: tuple[int, int, int, int] | None = None
-        # GLFW reports errors as warnings: failures that matter are checked where they occur
-        warnings.simplefilter("ignore", glfw.GLFWError)
+        # as warnings, whose filters other threads change; failures that matter are checked where they occur
+        glfw.ERROR_REPORTING = False
         glfw.swap_interval(1)
         glfw.set_window_size_limits(self.handle, SMALLEST, SMALLEST, glfw.DONT_CARE, glfw.DONT_CARE)
         glfw.set_key_callback(self.handle, self._key)

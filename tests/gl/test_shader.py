@@ -74,6 +74,7 @@ def test_only_compute_shaders_and_what_feeds_them_ask_for_more_than_3_3() -> Non
         if path.suffix != ".glsl":
             version = "430" if path.name in newer else "330"
             assert compose(path.name, {}).source.startswith(f"#version {version} core\n"), path.name
+    assert compose("tile_project.frag", {"COMPUTE": False}).source.startswith("#version 330 core\n")
 
 
 def test_a_compiler_message_names_file_and_line(shaders: Path, renderer: sg.Renderer) -> None:

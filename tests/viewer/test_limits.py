@@ -22,13 +22,14 @@ import splatgl as sg
 from splatgl.annotations.text import legible, plain
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.kernels import KERNELS
+from splatgl.splat.splats import in_parts
 from splatgl.transfer.transfer_nodes import with_color_points
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, STRIDES, IdleTrim
 from splatgl.viewer.commands import Copy
 from splatgl.viewer.document import Document
 from splatgl.viewer.frame_renderer import FrameRenderer
-from splatgl.viewer.jobs import Extractor, FinishedJob, JobKind, Jobs
+from splatgl.viewer.jobs import ExtractedPart, Extractor, FinishedJob, JobCancelled, JobKind, Jobs
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.reference_view import Reference
 from splatgl.viewer.saving import copy_text, render_scene, save_as, save_picture, save_scene, scene_of, try_save
@@ -183,7 +184,7 @@ def test_progress_of_layers_is_of_all_their_voxels(document: Document, monkeypat
     shell = LayerSplats.shell
 
     def noted(layer: LayerSplats, *args: Any) -> sg.Splats:
-        found.append(extractor.share)
+        found.append(extractor.part.begin)
         return shell(layer, *args)
 
     monkeypatch.setattr(LayerSplats, "shell", noted)
@@ -192,6 +193,32 @@ def test_progress_of_layers_is_of_all_their_voxels(document: Document, monkeypat
     counts = [layer.volumes[STRIDES.index(stride)].count for stride in (4, 2) for layer in document.drawn_layers]
     assert len(counts) == 4
     assert np.allclose(found, np.cumsum([0, *counts])[:-1] / sum(counts))
+
+
+def test_progress_moves_while_one_part_is_extracted() -> None:
+    """By the pace of the stride before, and ever slower where it takes longer than that."""
+    part = ExtractedPart(0.2, 0.6, begun=100.0, voxels=1000, pace=0.01)
+    shares = [part.share(100.0 + seconds) for seconds in (0.0, 5.0, 9.0, 12.0, 100.0, 1e4)]
+    assert np.allclose(shares[:2], [0.2, 0.4])
+    assert (np.diff(shares) > 0).all() and 0.59 < shares[-1] < 0.6
+    assert replace(part, done=0.9).share(100.0) == pytest.approx(0.56)
+
+
+def test_a_window_that_closes_ends_extraction_between_its_parts(document: Document) -> None:
+    """Threads that work on parts are waited for when the process ends."""
+    extractor, seen = Extractor(lambda: None), list[int]()
+    extractor.wanted = document
+
+    def work(part: slice) -> None:
+        seen.append(part.start)
+        extractor.wanted = None
+
+    def extract(*_: Any) -> None:
+        in_parts(1000, 1, work)
+
+    with pytest.raises(JobCancelled):
+        extractor._extract(cast(Any, SimpleNamespace(exceeds_budget=False, drawn_layers=(), extract=extract)), [4])
+    assert len(seen) < 1000
 
 
 def test_a_reference_is_drawn_by_a_process_that_ends_at_once(
