@@ -40,9 +40,12 @@ bool any_column(bool so) {
 }
 
 float least_opacity() {
-    if (ROWS == 1) return light[0].a;
+#if ROWS == 1
+    return light[0].a;
+#else
     return min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
                min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
+#endif
 }
 
 // Whether light passes any pixel of the subgroup.

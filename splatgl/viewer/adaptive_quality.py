@@ -1,6 +1,7 @@
 """Adapts the quality of previews to the time of frames, refines still pictures, and returns memory.
 
-LADDER lists the quality levels of a preview, with a floor: an eighth of the pixels, and every second voxel. The time of
+LADDER lists the quality levels of a preview, with a floor: an eighth of the pixels, and every second voxel. Where that
+takes long, half of these pixels; coarser voxels only where it would without other processes, too. The time of
 a frame is that of its picture, which depends on the level, and of text, panel and swap, which does not. SLOW_FRAMES
 slow frames switch to a coarser level, if that is expected to gain something; a level that turns out to gain nothing is
 left again. QUICK_FRAMES quick frames switch to the next finer level, if that is expected to stay well within the
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import os
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -94,8 +96,9 @@ GAIN, TRIED, POOR = 1.3, 1.05, 0.1
 NEWEST, MOST_RISE = 0.5, 2.0
 # before any measurement: seconds per pixel covered by tens of splats, and the cost of a splat in pixels (llvmpipe)
 PIXEL, PIXELS_PER_SPLAT = 1.5e-7, 2.0
-# seconds of a frame above which there is no floor
-STUCK = 0.2
+# seconds of a frame above which there is no floor; by how much fewer they are than processor seconds of software OpenGL
+# where no other process takes the processor
+STUCK, PARALLEL = 0.2, 1.6 if (os.cpu_count() or 1) > 1 else 1.0
 # share of a preview's time, with one sample a pixel to LENIENT, of that of all that is asked for
 LENIENT_SHARE = 1 / 3
 
@@ -130,14 +133,15 @@ class PreviewLevel:
 FULL = PreviewLevel(exact=True)
 # finest first. Measured on bones, a stent and a neuron: an eighth of the pixels has half the error of every second
 # voxel; coarser voxels turn thin things into blobs
-_SHARES = {1: (0.84, 0.71, 0.5, 0.35), 2: (0.71, 0.5, 0.35), 4: (0.5, 0.35), 8: (0.5,)}
+_SHARES = {1: (0.84, 0.71, 0.5, 0.35), 2: (0.71, 0.5, 0.35, 0.25), 4: (0.5, 0.35), 8: (0.5,)}
 LADDER = (
     FULL,
     PreviewLevel(),
     *(PreviewLevel(share, stride) for stride, shares in _SHARES.items() for share in shares),
 )
 STRIDES = tuple(sorted({level.stride for level in LADDER}))
-FLOOR = LADDER.index(PreviewLevel(0.35, 2))
+# the floor, and the one below it while the machine is busy
+FLOOR, BUSY_FLOOR = LADDER.index(PreviewLevel(0.35, 2)), LADDER.index(PreviewLevel(0.25, 2))
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,8 @@ class PreviewPace:
     level's picture, as far as known.
 
     work: cost of each level in pixel equivalents.
-    met: number of frames drawn at each level. fixed: seconds of a frame without its picture.
+    met: number of frames drawn at each level. fixed: seconds of a frame without its picture. alone: seconds of a whole
+    frame at the floor, without other processes.
     slow, quick: consecutive frames above and below the bounds. wait: quick frames required before a finer level.
     finer_one: the level that slow frames left, until it is known whether that gained anything.
     """
@@ -156,6 +161,7 @@ class PreviewPace:
     costs: tuple[float | None, ...] = (None,) * len(LADDER)
     met: tuple[int, ...] = (0,) * len(LADDER)
     fixed: float = 0.0
+    alone: float = 0.0
     slow: int = 0
     quick: int = 0
     wait: int = QUICK_FRAMES
@@ -179,7 +185,8 @@ class PreviewPace:
             None if cost is None else cost * new / old
             for cost, new, old in zip(self.costs, fresh.work, self.work, strict=True)
         ]
-        return replace(fresh, level=self.level, costs=tuple(costs), met=self.met, fixed=self.fixed)
+        alone = self.alone * fresh.work[FLOOR] / self.work[FLOOR]
+        return replace(fresh, level=self.level, costs=tuple(costs), met=self.met, fixed=self.fixed, alone=alone)
 
     def expected(self, level: int) -> float:
         """Expected seconds of a whole frame of a level: measured, or from its work and the nearest measured level."""
@@ -195,9 +202,9 @@ class PreviewPace:
         estimate = known[nearest] * self.work[level] / self.work[nearest]
         return self.fixed + (estimate if value is None else min(value, estimate))
 
-    def drawn(self, level: int, seconds: float, rest: float = 0.0) -> PreviewPace:
-        """The pace after a frame of a level. seconds: of its picture; rest: of all else. Only frames at the preview
-        level can change that level.
+    def drawn(self, level: int, seconds: float, rest: float = 0.0, alone: float | None = None) -> PreviewPace:
+        """The pace after a frame of a level. seconds: of its picture; rest: of all else; alone: of both without other
+        processes, None: as long. Only frames at the preview level can change that level.
         """
         before = self.costs[level]
         cost, trend = seconds, 1.0
@@ -212,6 +219,9 @@ class PreviewPace:
         met = tuple(count + (i == level) for i, count in enumerate(self.met))
         fixed = self.fixed + NEWEST * (rest - self.fixed) if self.fixed else rest
         known = replace(self, costs=costs, met=met, fixed=fixed)
+        if level == FLOOR and met[level] > 1:
+            newest = seconds + rest if alone is None else alone
+            known = replace(known, alone=newest if not self.alone else self.alone + NEWEST * (newest - self.alone))
         if level != self.level:
             return known
         left = known.finer_one
@@ -264,9 +274,9 @@ class PreviewPace:
 
     @property
     def _allowed(self) -> range:
-        """The levels down to the floor; all levels if the floor is too slow."""
-        stuck = self.met[FLOOR] > 1 and self.expected(FLOOR) > STUCK
-        return range(len(LADDER) if stuck else FLOOR + 1)
+        """The levels down to the floor; to the next one if it is too slow; all if it is so without other processes."""
+        is_slow = self.met[FLOOR] > 1 and self.expected(FLOOR) > STUCK
+        return range((len(LADDER) if self.alone > STUCK else BUSY_FLOOR + 1) if is_slow else FLOOR + 1)
 
 
 Wanted = tuple[object, ...]
@@ -341,10 +351,10 @@ class Refiner:
             self.first, self.last, self.refused = was_full and not self.full, level, ()
         return level
 
-    def took(self, level: int, seconds: float, rest: float) -> None:
-        """Records the seconds of a displayed frame: of its picture, and of all else."""
+    def took(self, level: int, seconds: float, rest: float, alone: float | None = None) -> None:
+        """Records the seconds of a displayed frame: of its picture, of all else, and alone, see `PreviewPace.drawn`."""
         if not (self.first and self.pace.met[level]):
-            self.pace = self.pace.drawn(level, seconds, rest)
+            self.pace = self.pace.drawn(level, seconds, rest, alone)
 
     def renew(self, splats: Sequence[int], pixels: int) -> None:
         """Adapts to other splats or another window size."""

@@ -27,10 +27,8 @@ from splatgl.splat.splats import Splats, as_points
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, PreviewLevel
 from splatgl.viewer.clip_tool import outline
-from splatgl.viewer.commands import Command
 from splatgl.viewer.document import Document
 from splatgl.viewer.hud import DisplayedFrame
-from splatgl.viewer.input import help_rows
 from splatgl.viewer.reference_view import Difference, Reference, resize_bilinear
 from splatgl.viewer.state import ClipState, PinnedView, State
 from splatgl.viewer.trackball import Pose, project
@@ -107,8 +105,8 @@ Ask = Callable[[], bool]
 class FrameRenderer:
     """Keeps the contents of the screen: the last frame, the overlay, and the display mode."""
 
-    def __init__(self, screen: Screen, renderer: Renderer, commands: tuple[Command, ...]) -> None:
-        self.screen, self.renderer, self.commands = screen, renderer, commands
+    def __init__(self, screen: Screen, renderer: Renderer) -> None:
+        self.screen, self.renderer = screen, renderer
         self.frame: DisplayedFrame | None = None
         self.pixels = np.zeros((1, 1, 4), np.float32)
         # inputs and pose of the last frame, and the time of its begin
@@ -299,8 +297,6 @@ class FrameRenderer:
         corner = self.corner if state.hud == "short" else "top left"
         if self.words and corner:
             texts.append(Text(self.words, corner, fit=state.hud == "full"))
-        if state.help:
-            texts.append(Text(tuple("\t".join(row) for row in help_rows(self.commands)), "middle", fit=True))
         notes = [line for line in (note, state.message) if line]
         if notes:
             # annotations are at the bottom and in the middle of the top

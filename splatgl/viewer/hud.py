@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
 from splatgl.annotations.annotate import LEAST_SIDE, LiveOverlay, with_time
 from splatgl.annotations.canvas import BLACK, WHITE, AnnotatedSubject, ColorScale
-from splatgl.annotations.text import label, place_label
+from splatgl.annotations.text import Overlay, Text, draw_overlay, label, place_label
 from splatgl.data.color import Color
 from splatgl.data.volume import Volume
 from splatgl.geometry.camera import Camera
@@ -21,7 +22,9 @@ from splatgl.transfer.statistics import Statistics
 from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.adaptive_quality import FULL, PreviewLevel
 from splatgl.viewer.clip_tool import box_edges, handles, lasso_strokes, outline
+from splatgl.viewer.commands import Command
 from splatgl.viewer.document import Document
+from splatgl.viewer.input import help_rows
 from splatgl.viewer.measure_tool import describe_pick, under_cursor
 from splatgl.viewer.reference_view import Difference
 from splatgl.viewer.slice_views import clip_strokes, slice_outlines
@@ -120,6 +123,15 @@ def describe_picture(document: Document, frame: DisplayedFrame | None) -> str:
     share = sum(len(layer.finest) for layer in layers) / max(sum(layer.volume.count for layer in layers), 1)
     exact = f"; the maximum error is {bound:.2g} of full brightness" if isinstance(bound, float) else ""
     return f"{100 * share:.2g} % of the voxels have an opacity. The picture took {frame.seconds:.2g} s{exact}."
+
+
+@lru_cache(maxsize=2)
+def help_sprite(size: tuple[int, int], shown: int, scale: float, commands: tuple[Command, ...]) -> Sprite:
+    """The keys of commands over a window of `size` pixels, of which those from column `shown` on are covered."""
+    text = Text(tuple("\t".join(row) for row in help_rows(commands)), "middle", fit=True)
+    pixels = draw_overlay(Overlay(size, scale, (text,))).copy()
+    pixels[:, shown:, 3] = 255
+    return Sprite(pixels, (0.0, 0.0, *map(float, size)))
 
 
 def progress_text(frame: DisplayedFrame | None) -> str:

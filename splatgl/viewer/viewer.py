@@ -25,6 +25,7 @@ from splatgl.scene.meshes import is_mesh
 from splatgl.viewer import commands
 from splatgl.viewer.adaptive_quality import (
     LADDER,
+    PARALLEL,
     REST,
     STEP,
     TARGET,
@@ -52,7 +53,7 @@ from splatgl.viewer.commands import (
 from splatgl.viewer.document import Document
 from splatgl.viewer.files import ADD, OPEN, SAVE, Dialogs, Recent, WindowLayout
 from splatgl.viewer.frame_renderer import FrameRenderer
-from splatgl.viewer.hud import Overlays, progress_text
+from splatgl.viewer.hud import Overlays, help_sprite, progress_text
 from splatgl.viewer.input import InputHandler
 from splatgl.viewer.jobs import Extractor, FinishedJob, JobKind, Jobs
 from splatgl.viewer.loading import Files, Loaded, OpenedFile, ReplacedDocument
@@ -143,7 +144,7 @@ class Viewer:
             self.input = InputHandler(self.options.commands, self.slices)
             self.extractor, self.reference, self.overlays = Extractor(wake), Reference(Jobs(wake)), Overlays()
             self.recorder = Recorder()
-            self.painter = FrameRenderer(self.screen, renderer, self.options.commands)
+            self.painter = FrameRenderer(self.screen, renderer)
             self.document = document
             self.panel: Any = None
             theme = arrangement.theme if arrangement.theme in THEMES else THEMES[0]
@@ -186,8 +187,7 @@ class Viewer:
     def view(self) -> Viewport:
         """The part of the window next to the panel, for tools."""
         (width, height), scale = self.window.size, self.window.scale
-        # the help takes the room of the panel
-        has_panel = self.panel is not None and self.state.panel and not self.state.help
+        has_panel = self.panel is not None and self.state.panel
         width -= docked_width((width, height), scale) if has_panel else 0
         return Viewport((max(width, 1), max(height, 1)), scale, self.now())
 
@@ -454,7 +454,8 @@ class Viewer:
         for _ in range(MOST_SHOWN):
             if self.dirty and self.panel is not None and (self.inputs == inputs if is_full else self.panel.touched):
                 self._redisplay()
-        return self.window.closing or (is_full and self.inputs != inputs)
+        is_closing = self.window.closing or WindowRequest.QUIT in self.effects
+        return is_closing or (is_full and self.inputs != inputs)
 
     def _compare(self) -> None:
         """Requests the reference of a full-quality frame once its view is at rest."""
@@ -505,6 +506,11 @@ class Viewer:
                 self.touch()
             if self.panel.waiting or self.panel.owed:
                 self.refresh()
+        if self.state.help:
+            # over picture, slices and the room of the panel: nothing is drawn anew for it
+            size, commands = self.window.size, self.options.commands
+            sprite = help_sprite(size, self.view.size[0], self.window.scale, commands)
+            self.screen.mark(size, ScreenMarks(labels=(sprite,)))
 
     @property
     def drawn_size(self) -> tuple[int, int]:
@@ -535,7 +541,7 @@ class Viewer:
     def step(self, wait: float | None = None) -> None:
         """Handles events and finished jobs, renders a frame if one is due, and displays it. wait: maximum seconds."""
         self.window.wait(self._seconds_until_due() if wait is None else wait)
-        begun = time.perf_counter()
+        begun, processed = time.perf_counter(), time.process_time()
         self.window.fill(self.state.fullscreen)
         self.collect()
         self._advance()
@@ -555,7 +561,9 @@ class Viewer:
         if level is not None and self.painter.frame is not None:
             picture, whole = self.painter.frame.seconds, time.perf_counter() - begun
             self.painter.whole = whole
-            self.refiner.took(level, picture, whole - picture)
+            # a software renderer's own time, whatever other processes take
+            alone = (time.process_time() - processed) / PARALLEL if self.renderer.info.software else whole
+            self.refiner.took(level, picture, whole - picture, min(alone, whole))
 
     def close(self) -> None:
         """Frees the window and its resources, but not the renderer."""

@@ -226,7 +226,7 @@ def opened(draft: Draft) -> tuple[Document, State]:
 def in_window(draft: Draft) -> Drawn:
     document, state = opened(draft)
     with shared_renderer() as renderer:
-        painter = FrameRenderer(NoScreen(), renderer, ())  # type: ignore[arg-type]
+        painter = FrameRenderer(NoScreen(), renderer)  # type: ignore[arg-type]
         frame = painter.draw(state, document, FULL, False, None)
     return Drawn(painter.pixels, frame.info)
 

@@ -319,7 +319,7 @@ def test_commands_print_options_without_effect(
     # and once in the window
     scene = SceneFile(path, settings=sg.Settings(**options, shutter=90.0))
     document = Document.open(scene, quiet=True)
-    painter = FrameRenderer(NoScreen(), renderer, ())  # type: ignore[arg-type]
+    painter = FrameRenderer(NoScreen(), renderer)  # type: ignore[arg-type]
     for level in (FULL, FULL):
         painter.draw(State.of(document, (SIZE, SIZE)), document, level, False, None)
     assert [line.removeprefix("splatgl: ") for line in capsys.readouterr().err.splitlines()] == said

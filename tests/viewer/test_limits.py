@@ -140,7 +140,7 @@ def test_hidden_parts_are_not_extracted(renderer: sg.Renderer, tmp_path: Path) -
         document.extract(stride)
     assert 1 in document.extracted
     screen = SimpleNamespace(put=lambda name, pixels: None)
-    frame = FrameRenderer(cast(Any, screen), renderer, ()).draw(state, document, FULL, False, lambda: False)
+    frame = FrameRenderer(cast(Any, screen), renderer).draw(state, document, FULL, False, lambda: False)
     assert 1 not in document.layers[0].by_stride and 1 in document.layers[1].shells and frame.hidden == 0
     # what is told is of what is drawn
     told = " ".join(hud.full_lines(state, document, frame, None))

@@ -45,7 +45,7 @@ def by_command(path: Path) -> None:
 def in_window(path: Path) -> None:
     document = Document.open(SceneFile.from_toml(path))
     with sg.Renderer() as renderer:
-        painter = FrameRenderer(NoScreen(), renderer, ())  # type: ignore[arg-type]
+        painter = FrameRenderer(NoScreen(), renderer)  # type: ignore[arg-type]
         painter.draw(State.of(document, SIZE), document, FULL, False, None)
 
 
