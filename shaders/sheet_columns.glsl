@@ -91,7 +91,8 @@ void composite_tile(uvec4 mine, uint lane) {
         }
     }
     int next = next_base(at, end, names);
-    while (at < end || (mine.w == 1u && holding > 0)) {
+    // what ends a loop is tested behind its body: a processor goes through all of it before it leaves
+    if (at < end || (mine.w == 1u && holding > 0)) do {
         bool seen = false, waits = false, behind = false;
         do {
             if (holding <= 0) current = max(next, current);
@@ -130,10 +131,11 @@ void composite_tile(uvec4 mine, uint lane) {
             if (mine.w == 1u || !ONE_VALUE) least = 2.0;
             break;
         }
-        if (!IN_ORDER) continue;
-        least = least_opacity();
-        if (!any_column(least <= opaque)) break;
-    }
+        if (IN_ORDER) {
+            least = least_opacity();
+            if (!any_column(least <= opaque)) break;
+        }
+    } while (at < end || (mine.w == 1u && holding > 0));
     EACH(KEEP_MATTER)
     EACH(END)
     if (least <= opaque) STAY_OPEN(tile);
