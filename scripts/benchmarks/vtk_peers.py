@@ -1,4 +1,4 @@
-"""VTK's ray casters on the same scene: same camera, opacities and colours; each in a process.
+"""VTK's ray casters, and PyVista's plotter, on the same scene: same camera, opacities and colours; each in a process.
 
 Differences: they interpolate samples along rays between voxels and classify the result, whereas splats
 classify voxels and blend the result; their light is parallel and leaves ambient light alone where there is no
@@ -21,6 +21,7 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, missing_extra
 from splatgl.geometry.camera import Camera
+from splatgl.planning.scene import Layer, Scene
 from splatgl.splat.lighting import AMBIENT, DIFFUSE
 from splatgl.splat.settings import Settings
 from splatgl.transfer.transfer import Transfer
@@ -38,7 +39,33 @@ FULL, FULL_8 = 32767.0, 255.0
 PATIENCE = 120.0
 
 
-class Peer:
+class PeerProcess:
+    """A process that draws one scene whenever it is asked to. serve: runs there, with a pipe and the scene."""
+
+    def __init__(self, serve: Callable[..., None], *scene: Any) -> None:
+        spawn = multiprocessing.get_context("spawn")
+        self.pipe, theirs = spawn.Pipe()
+        self.process = spawn.Process(target=serve, args=(theirs, *scene), daemon=True)
+        self.process.start()
+
+    def ask(self) -> Any:
+        """What the process sends once it has drawn. Raises InputError if it ended or hangs."""
+        try:
+            self.pipe.send(True)
+            if not self.pipe.poll(PATIENCE):
+                raise EOFError
+            return self.pipe.recv()
+        except (EOFError, OSError) as error:
+            raise expected("peer", "a frame by VTK", "none: its process ended or hangs") from error
+
+    def close(self) -> None:
+        """Ends the process."""
+        self.process.terminate()
+        self.process.join()
+        self.pipe.close()
+
+
+class Peer(PeerProcess):
     """A VTK mapper that draws one scene. Close it after use."""
 
     def __init__(self, mapper: str, content: tuple[Volume, Transfer], camera: Camera, settings: Settings) -> None:
@@ -48,8 +75,6 @@ class Peer:
         volume, transfer = content
         _check(volume, transfer, camera, settings)
         shaded = transfer.shading if settings.shading == "auto" else settings.shading == "on"
-        spawn = multiprocessing.get_context("spawn")
-        self.pipe, theirs = spawn.Pipe()
         samples = settings.samples if settings.antialias == "supersample" else 1
         fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
         scene = (
@@ -62,28 +87,47 @@ class Peer:
             fine,
             samples,
         )
-        self.process = spawn.Process(target=_serve, args=(theirs, MAPPERS[mapper], scene), daemon=True)
-        self.process.start()
+        super().__init__(_serve, MAPPERS[mapper], scene)
 
     def frame(self) -> tuple[Image, float]:
-        """A finished frame, linear premultiplied, and the seconds it took with its pixels read back.
-
-        Raises InputError if the process ended or hangs.
+        """A finished frame, linear premultiplied, and the seconds it took with its pixels read back. Raises InputError
+        as `ask`.
         """
-        try:
-            self.pipe.send(True)
-            if not self.pipe.poll(PATIENCE):
-                raise EOFError
-            sums, full, seconds = self.pipe.recv()
-        except (EOFError, OSError) as error:
-            raise expected("peer", "a frame by VTK", "none: its process ended or hangs") from error
+        sums, full, seconds = self.ask()
         return Image(sums.astype(np.float32) / np.float32(full), {"blend": "composite"}), seconds
 
-    def close(self) -> None:
-        """Ends the process."""
-        self.process.terminate()
-        self.process.join()
-        self.pipe.close()
+
+class PlotterPeer(PeerProcess):
+    """A PyVista plotter that draws the layers of a scene, and takes a screenshot. Close it after use."""
+
+    def __init__(self, layers: Sequence[Layer], camera: Camera, settings: Settings, on_cpu: bool = False) -> None:
+        """on_cpu: casts rays by the processor. Raises InputError if PyVista is not installed."""
+        if find_spec("pyvista") is None:
+            raise missing_extra("peers", "pyvista", "pyvista")
+        super().__init__(_serve_plotter, layers, camera, settings, on_cpu)
+
+
+def plotter_of(layers: Sequence[Layer], camera: Camera, settings: Settings, on_cpu: bool) -> Any:
+    """A plotter that shows the layers off screen. on_cpu: its volumes are cast by the processor."""
+    import vtk
+
+    vtk.vtkLogger.SetStderrVerbosity(vtk.vtkLogger.VERBOSITY_OFF)
+    plotter = Scene(layers).to_pyvista(camera, settings, off_screen=True)
+    for actor in plotter.renderer.GetVolumes() if on_cpu else ():
+        actor.GetMapper().SetRequestedRenderModeToRayCast()
+    plotter.show(auto_close=False)
+    return plotter
+
+
+def _serve_plotter(pipe: Any, layers: Sequence[Layer], camera: Camera, settings: Settings, on_cpu: bool) -> None:
+    """Draws a frame for every message, and answers with the screenshot's shape."""
+    plotter = plotter_of(layers, camera, settings, on_cpu)
+    while True:
+        pipe.recv()
+        for actor in plotter.renderer.GetVolumes():
+            actor.Modified()
+        plotter.render()
+        pipe.send(np.array(plotter.screenshot(return_img=True)).shape)
 
 
 def _check(volume: Volume, transfer: Transfer, camera: Camera, settings: Settings) -> None:
