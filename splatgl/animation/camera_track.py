@@ -17,7 +17,7 @@ look_at and up are joined to a rotation about look_at and a distance from it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -42,6 +42,8 @@ TURNING = ("azimuth", "elevation", "up")
 ORBIT = ("eye", "look_at", "up")
 # slices along the axis, and points around it, that approximate the swept volume
 SLICES, AROUND = 32, 48
+# cameras that are kept: those of two frames, and the next
+LATEST = 3
 
 
 class CameraTrack(Protocol):
@@ -83,9 +85,18 @@ class Keyframes:
     view: ViewOptions
     volume: Volume
     subject: Bounded
+    latest: dict[float, Camera] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def camera(self, frame: float) -> Camera:
         """The camera at `frame`, interpolated between keyframes; RATIOS are interpolated logarithmically."""
+        if frame not in self.latest:
+            self.latest[frame] = self._camera(frame)
+            # a frame's motion starts from the one before it
+            while len(self.latest) > LATEST:
+                del self.latest[next(iter(self.latest))]
+        return self.latest[frame]
+
+    def _camera(self, frame: float) -> Camera:
         values: dict[str, Any] = {}
         for name, (frames, points) in self.keys.items():
             logs = np.log(points) if name in RATIOS else points

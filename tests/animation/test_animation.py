@@ -185,6 +185,22 @@ def test_an_orbit_keeps_its_distance() -> None:
     assert np.linalg.norm(straight.camera(2).eye - target) < 8
 
 
+def test_a_frame_s_camera_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also as the start of the next frame's motion; another subject has cameras of its own."""
+    ball, fitted = sg.Volume(np.ones((3, 3, 3), np.uint8)), list[float | None]()
+    rows = [{"frame": 0, "azimuth": 0, "zoom": 1}, {"frame": 8, "azimuth": 80, "zoom": 2}]
+    track = keyframes({"keyframe": rows}, ViewOptions(), ball, ball)
+    fit = ViewOptions.camera
+    monkeypatch.setattr(ViewOptions, "camera", lambda view, *x: fitted.append(view.azimuth) or fit(view, *x))
+    for frame in range(1, 9):
+        moved = track.camera(frame), track.motion(frame).camera
+        assert moved[1] is not None and not np.allclose(moved[0].eye, moved[1].eye)
+    # the first frame, from which the second one moves, too
+    assert len(fitted) == 9 and len(set(fitted)) == 9
+    near = replace(track, subject=replace(RotationHull.of(ball, np.array([0.0, 0, 1])), corners=ball.corners * 2))
+    assert not np.allclose(near.camera(8).eye, track.camera(8).eye)
+
+
 def test_an_orbit_takes_the_shorter_way_and_equal_ratios() -> None:
     """Halfway between keyframes the camera is turned by half of the angle, and as far away as the geometric mean."""
     rng = np.random.default_rng(3)
