@@ -15,7 +15,7 @@ from splatgl.data.image import EXR, TIFF, Image, load_tiff
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, MissingOption
 from splatgl.fileio import budget, format_bytes
-from splatgl.planning.bricks import bricks_of, estimate_need, excess_need, needed_together
+from splatgl.planning.bricks import MOST_FINE, bricks_of, estimate_need, excess_need, needed_together
 from splatgl.planning.scene import channel_transfers
 from splatgl.readers.common import is_mapped
 from splatgl.splat.settings import Settings
@@ -282,8 +282,9 @@ def _drawing_lines(volume: Volume) -> list[str]:
     if len(parts) < len(bricks):
         return []
     most = budget()
-    needed = needed_together([estimate_need(part, 4 * SIZE[0] * SIZE[1], 0) for part in parts])
-    many = [excess for part in parts if (excess := excess_need(part, SIZE, most)) is not None]
+    samples = MOST_FINE * SIZE[0] * SIZE[1]
+    needed = needed_together([estimate_need(part, samples, 0) for part in parts])
+    many = [excess for part in parts if (excess := excess_need(part, samples, most)) is not None]
     how = "whole" if not many else f"{sum(len(part.low) for part in parts):,} bricks" if len(parts) == 1 else "too much"
     level = "level 0; render takes the coarsest level that is right"
     texts = wrap(f"{needed}, of {format_bytes(most)}: {how}", WIDTH - _LABEL - 2)

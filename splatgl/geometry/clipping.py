@@ -111,9 +111,10 @@ class Clip:
         place = self.place - (0.5 * np.abs(self.g).sum(axis=1) if boxes else 0.0)
         return np.asarray((at >= place - ON_PLANE * (np.abs(at) + np.abs(place))).all(axis=1))
 
-    def meets(self, low: np.ndarray, high: np.ndarray) -> bool:
-        """Whether the planes may keep any position of a box from low to high [3], grid indices."""
-        return bool(((np.where(self.g > 0, high, low) * self.g).sum(axis=1) >= self.place).all())
+    def meets(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """bool [N]: whether the planes may keep any position of boxes from low to high [N, 3], grid indices."""
+        furthest = (np.where(self.g > 0, high[:, None], low[:, None]) * self.g).sum(axis=2)
+        return np.asarray((furthest >= self.place).all(axis=1))
 
     def along(self, start: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Distances [P] at which rays enter and leave the kept side, and the index [P] of the plane where they enter.

@@ -310,12 +310,12 @@ def render_slabs(
     with within(memory), nullcontext(renderer) if renderer else Renderer() as drawing:
         volume = source if isinstance(source, Volume) else load(source)
         level = choose_level(volume, transfer, camera, settings, drawing)
-        excess = excess_bricks(level.volume, transfer, settings, camera.size)
+        excess = excess_bricks(level.volume, transfer, settings, camera)
         info = {**level.info, "bricks": 0}
         if excess is None:
             image = drawing.render(extract_for_settings(level.volume, transfer, settings), camera, settings)
             return Image(image.pixels, {**image.info, **info})
-        bricks, bands = excess[1].fitted(excess[0], budget())
+        bricks, bands = excess[0].fitted(camera, settings, budget())
         image = drawing.render_bricks(bricks, camera, settings, progress, bands=bands)
         return Image(image.pixels, {**info, **image.info})
 

@@ -38,6 +38,7 @@ from splatgl.gl.sheet_tiles import SplatBatches, may_show, sheet_uniforms
 from splatgl.gl.target import Portions, RenderTarget, settle
 from splatgl.gl.textures import BLUR_UNIT, CLASS_UNIT, HALF_LINE_UNIT
 from splatgl.gl.tiles import bands_of
+from splatgl.planning.clusters import touched_tiles
 from splatgl.planning.culling import PixelWindow, screen_bounds
 from splatgl.planning.plan import Plan
 from splatgl.splat.sheets import NearField, Sheets, index_direction
@@ -490,9 +491,7 @@ def around(groups: dict[int, SheetGroup], first: int, last: int) -> PixelWindow:
     return PixelWindow(x, y, right - x, bottom - y)
 
 
-def is_visible(low: np.ndarray, high: np.ndarray, plan: Plan, band: PixelWindow) -> bool:
-    """Whether a box of voxels, from low to high (x, y, z), may be visible in a band of the picture."""
-    if not may_show(low, high, plan):
-        return False
-    _, top, _, height = screen_bounds(corners_of(low, high), plan.view).window.box
-    return top < band.y + band.height and top + height > band.y
+def is_visible(low: np.ndarray, high: np.ndarray, plan: Plan, band: PixelWindow) -> np.ndarray:
+    """bool [N]: whether boxes of voxels, from low to high [N, 3] (x, y, z), may be visible in a band of the picture."""
+    x, y, right, lower = touched_tiles(low.T, high.T, plan.view, band)
+    return may_show(low, high, plan) & (x < right) & (y < lower)

@@ -272,7 +272,7 @@ class Renderer:
         bands: int = 1,
     ) -> np.ndarray:
         before, bands = 0, max(bands, self.passes.sheets.least_bands(chosen.window))
-        bricks.found.clear()
+        bricks.counts.clear()
         bricks.gaps.clear()
 
         def batches(seen: IsVisible) -> Iterator[Splats]:

@@ -12,7 +12,6 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from splatgl.geometry.grid import corners_of
 from splatgl.geometry.view import GridView
 from splatgl.gl.buffers import (
     Buffers,
@@ -46,7 +45,8 @@ from splatgl.gl.tiles import (
     unlisted_tiles,
 )
 from splatgl.planning.bricks import IsVisible, Shell
-from splatgl.planning.culling import Frustum, PixelWindow, blocks_in_frustum, screen_bounds, tiles_beside_box
+from splatgl.planning.clusters import has_open, touched_tiles
+from splatgl.planning.culling import Frustum, PixelWindow, blocks_in_frustum, tiles_beside_box
 from splatgl.planning.plan import Plan
 from splatgl.planning.technique import COLUMNS, ROWS, batch_starts
 from splatgl.splat.sheets import NearField, index_direction
@@ -195,14 +195,9 @@ class SheetTiles:
         plan, band = spec.plan, self.begin_band(spec, whole, window)
         across = -(-window.width // COLUMNS)
 
-        def is_visible(low: np.ndarray, high: np.ndarray) -> bool:
-            if not may_show(low, high, plan):
-                return False
-            x, y, width, height = screen_bounds(corners_of(low, high), plan.view).window.box
-            x, y = x - window.x, y - window.y
-            tiles = band.closed.reshape(-1, across)
-            rows = slice(max(y, 0) // ROWS, max(-(-(y + height) // ROWS), 0))
-            return not tiles[rows, max(x, 0) // COLUMNS : max(-(-(x + width) // COLUMNS), 0)].all()
+        def is_visible(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+            tiles = touched_tiles(low.T, high.T, plan.view, window)
+            return may_show(low, high, plan) & has_open(tiles, band.closed.reshape(-1, across))
 
         span = sheet_span(whole, plan)
         for splats in batches.of(is_visible):
@@ -366,12 +361,13 @@ def window_edges(view: GridView, window: PixelWindow) -> tuple[float, ...]:
     return tuple((ends * view.pitch).ravel().tolist())
 
 
-def may_show(low: np.ndarray, high: np.ndarray, plan: Plan) -> bool:
-    """Whether a part of a box of voxels, from low to high (x, y, z), is in the picture and kept by clip planes."""
+def may_show(low: np.ndarray, high: np.ndarray, plan: Plan) -> np.ndarray:
+    """bool [N]: whether parts of boxes of voxels, from low to high [N, 3] (x, y, z), are in the picture and kept by
+    clip planes.
+    """
+    shown = blocks_in_frustum(np.concatenate([low + high, high - low], axis=1) / 2, Frustum.of(plan.view))
     clip = plan.resolved.clip
-    if clip is not None and not clip.meets(low - AROUND_CUT, high + AROUND_CUT):
-        return False
-    return bool(blocks_in_frustum(np.concatenate([low + high, high - low])[None] / 2, Frustum.of(plan.view))[0])
+    return shown if clip is None else shown & clip.meets(low - AROUND_CUT, high + AROUND_CUT)
 
 
 def sheet_span(splats: Splats, plan: Plan) -> int:

@@ -7,6 +7,7 @@ read with the halo that they depend on.
 
 from __future__ import annotations
 
+import math
 import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -17,17 +18,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from splatgl.data.volume import Volume, zyx_index
+from splatgl.data.volume import Places, Volume, zyx_index
 from splatgl.errors import expected
 from splatgl.fileio import PROCESS, budget, byte_count, format_bytes, held_within_budget
 from splatgl.geometry.camera import Camera
+from splatgl.geometry.grid import Grid
 from splatgl.geometry.view import GridView
 from splatgl.planning.culling import AROUND_EYE
-from splatgl.planning.resolve import reach_outside, why_per_splat
+from splatgl.planning.resolve import reach_outside, samples_per_pixel, why_per_splat
 from splatgl.readers.chunked import COPIES, Chunked
 from splatgl.readers.common import is_mapped
 from splatgl.splat.extract import POST_KERNEL, why_only_pre
 from splatgl.splat.extract_values import box_records, boxes, gaps_of, post_splats
+from splatgl.splat.hidden_interior import SIDE as SIDE_OF_CELLS
 from splatgl.splat.hidden_interior import HiddenInterior
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
@@ -37,10 +40,11 @@ from splatgl.splat.splats import MOST_KEPT, Splats, record_type
 from splatgl.transfer.preintegration import ValueClassifier
 from splatgl.transfer.transfer import Transfer
 
-# voxels along a brick's sides, and voxels that are searched for missing samples at a time
-SIDE, PART = 64, 1 << 22
-# maximum number of voxels that are read to find hidden ones
-MOST_SEARCHED = 1 << 28
+# voxels along a brick's sides, and those of the blocks of which only some are extracted; voxels that are searched for
+# missing samples at a time
+SIDE, BLOCK, PART = 64, 8, 1 << 22
+# bytes of a cell in which hidden voxels are searched, the share of the memory that they take, and their longest side
+SEARCHED, SEARCH_SHARE, WIDEST = 7, 1 / 2, 16
 # least number of splats in a batch, except the last: with little memory, and with enough
 LEAST_BATCH, BATCH = 1 << 16, 1 << 19
 # bricks per thread that are extracted in advance
@@ -55,28 +59,28 @@ FAR = 2**30
 Shell = tuple[int, int]
 # records, and the first sheet of each, in ascending order
 SheetRecords = tuple[np.ndarray, np.ndarray]
-# whether any voxel of a box, from low to high (x, y, z), may be visible
-IsVisible = Callable[[np.ndarray, np.ndarray], bool]
+# bool [N]: whether any voxel of boxes, from low to high [N, 3] (x, y, z), may be visible
+IsVisible = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class Bricks:
     """A volume in boxes of voxels. low, high int64 [B, 3]: brick b holds the voxels low ≤ (x, y, z) < high.
 
-    found: number of splats of each extracted brick. gaps: number of missing samples beside them, known once a brick is
-    read. shell: range of sheets whose splats are drawn; None: all. hidden: voxels that are left out. interiors:
-    those that were searched, by reach. threads: that extract bricks. batch: least number of splats drawn together.
+    counts: numbers of splats in the blocks of each extracted brick. gaps: number of missing samples beside them, known once a brick is
+    read. shell: range of sheets whose splats are drawn; None: all. hidden: voxels that are left out. searched: the latest
+    that were, by what they depend on. threads: that extract bricks. batch: least number of splats drawn together.
     """
 
     volume: Volume
     post: ValueClassifier
     low: np.ndarray
     high: np.ndarray
-    found: dict[int, int] = field(default_factory=dict)
+    counts: dict[int, np.ndarray] = field(default_factory=dict)
     gaps: dict[int, int] = field(default_factory=dict)
     shell: Shell | None = None
     hidden: HiddenInterior | None = None
-    interiors: dict[int, HiddenInterior | None] = field(default_factory=dict)
+    searched: dict[tuple[float, ...], HiddenInterior | None] = field(default_factory=dict)
     threads: int = 1
     batch: int = BATCH
 
@@ -99,8 +103,17 @@ class Bricks:
         return replace(self, threads=threads, batch=int(np.clip(LEAST_BATCH + more, LEAST_BATCH, BATCH)))
 
     @property
+    def found(self) -> dict[int, int]:
+        """Number of splats of each extracted brick."""
+        return {brick: int(counts.sum()) for brick, counts in self.counts.items()}
+
+    @property
     def held(self) -> int:
-        """Bytes of samples in memory, or of decoded chunks."""
+        """Bytes of samples in memory, or of decoded chunks, and of cells of hidden voxels."""
+        return self._held_samples + (self.hidden.cells.nbytes if self.hidden else 0)
+
+    @property
+    def _held_samples(self) -> int:
         samples = self.volume.samples
         if isinstance(samples, np.ndarray):
             return 0 if is_mapped(samples) else samples.nbytes
@@ -131,12 +144,27 @@ class Bricks:
 
     @cached_property
     def whole(self) -> Splats:
-        """Two splats at opposite corners of the volume's box, from which a picture of the volume is planned."""
+        """The corners, from which a picture of the volume is planned, with its missing samples."""
+        gaps = gaps_of(self.volume, self.post, boxes(self.volume.shape, PART))
+        return post_splats(self.volume, self.post, self.corners.records, gaps)
+
+    @property
+    def corners(self) -> Splats:
+        """Two splats at opposite corners of the volume's box."""
         records = np.zeros(2, record_type(self.volume.shape, post=True))
         records["position"][1] = np.array(self.volume.shape[::-1]) - 1
-        return post_splats(
-            self.volume, self.post, records, gaps_of(self.volume, self.post, boxes(self.volume.shape, PART))
-        )
+        return post_splats(self.volume, self.post, records)
+
+    def samples(self, camera: Camera, settings: Settings) -> int:
+        """Number of samples of a picture."""
+        return camera.size[0] * camera.size[1] * samples_per_pixel(self.corners, camera, settings) ** 2
+
+    def fitted(self, camera: Camera, settings: Settings, memory: int) -> tuple[Bricks, int]:
+        """The bricks without hidden voxels, and the number of bands of rows, with which the process takes up to
+        `memory` bytes. Raises InputError if it takes more with any.
+        """
+        visible = self.without_hidden(camera, settings)
+        return estimate_need(visible, self.samples(camera, settings), memory).fitted(visible, memory)
 
     @property
     def probes(self) -> Splats:
@@ -147,28 +175,48 @@ class Bricks:
         return post_splats(self.volume, self.post, records)
 
     def without_hidden(self, camera: Camera, settings: Settings) -> Bricks:
-        """The bricks without voxels of hidden interiors."""
+        """The bricks without voxels that the camera's eye does not see behind others; see hidden_interior.py."""
         reach = reach_outside(self.whole, settings, camera)
-        if not reach or self.volume.count > MOST_SEARCHED:
+        if not reach:
             return self
-        if reach not in self.interiors:
-            self.interiors[reach] = HiddenInterior.of(self.volume, self.post, self.whole.unit, reach)
-        return replace(self, hidden=self.interiors[reach])
+        grid = Grid.of(self.volume)
+        if camera.perspective:
+            eye = np.append(grid.index_from_world(camera.eye), 1.0)
+        else:
+            eye = np.append(np.linalg.solve(grid.world_from_index, -camera.forward), 0.0)
+        side = self._searched_side()
+        key = (reach, side, *eye.tolist())
+        if key not in self.searched:
+            self.searched.clear()
+            if side <= WIDEST:
+                self.searched[key] = HiddenInterior.of(self.volume, self.post, self.whole.unit, reach, eye, side)
+        return replace(self, hidden=self.searched.get(key))
+
+    def _searched_side(self) -> int:
+        """Voxels along the cells in which hidden ones are searched: as few as fit into the memory."""
+        most, side = SEARCH_SHARE * (budget() - PROCESS - self._held_samples) / SEARCHED, SIDE_OF_CELLS
+        while math.prod(-(-size // side) + 2 for size in self.volume.shape) > most and side <= WIDEST:
+            side *= 2
+        return side
 
     def _extract_ahead(
         self, order: list[int], sheets: Sheets, view: GridView, is_visible: IsVisible
     ) -> Iterator[SheetRecords]:
         """Yields the records of bricks in the given order, extracted in advance by threads; none if invisible."""
 
-        def work(brick: int) -> SheetRecords:
-            records = self.records(brick)
+        def work(brick: int, shown: np.ndarray) -> SheetRecords:
+            records = self.records(brick, shown)
             base = sheets.base(sheets.places(view, records["position"])).astype(np.int32)
-            self.found[brick] = len(records)
+            drawn = records["position"]
             if self.shell is not None:
                 first, last = self.shell
-                self.found[brick] = int(((base >= first) & (base < last)).sum())
+                drawn = drawn[(base >= first) & (base < last)]
                 in_shell = (base >= first - sheets.count) & (base <= last + 1)
                 records, base = records[in_shell], base[in_shell]
+            # a band may have left out some blocks
+            block = np.ravel_multi_index(((drawn - self.low[brick]) // BLOCK).T[::-1], shown.shape)
+            counts = np.bincount(block, minlength=shown.size)
+            self.counts[brick] = np.maximum(counts, self.counts.get(brick, 0))
             by_sheet = np.argsort(base, kind="stable")
             return records[by_sheet], base[by_sheet]
 
@@ -177,8 +225,8 @@ class Bricks:
         with ThreadPoolExecutor(self.threads) as pool:
             try:
                 for brick in order:
-                    wanted = is_visible(self.low[brick], self.high[brick] - 1)
-                    waiting.append(pool.submit(work, brick) if wanted else None)
+                    shown = self.shown(brick, is_visible)
+                    waiting.append(pool.submit(work, brick, shown) if shown.any() else None)
                     if len(waiting) > AHEAD * self.threads:
                         first = waiting.popleft()
                         yield first.result() if first else nothing
@@ -191,13 +239,30 @@ class Bricks:
                     if future:
                         future.cancel()
 
-    def records(self, brick: int) -> np.ndarray:
-        """Extracts the records of one brick, in row order."""
+    def shown(self, brick: int, is_visible: IsVisible) -> np.ndarray:
+        """bool [z, y, x]: which blocks of BLOCK³ voxels of a brick may be visible."""
+        low, high = self.low[brick], self.high[brick]
+        count = -(-(high - low) // BLOCK)
+        if not is_visible(low[None], high[None] - 1)[0]:
+            return np.zeros(count[::-1], bool)
+        first = low + BLOCK * np.stack(np.unravel_index(np.arange(count.prod()), count[::-1])[::-1], axis=1)
+        return is_visible(first, np.minimum(first + BLOCK, high) - 1).reshape(count[::-1])
+
+    def records(self, brick: int, shown: np.ndarray | None = None) -> np.ndarray:
+        """Extracts the records of one brick, in row order. shown: of its blocks; None: of all."""
         # `whole` masks the gaps of samples in memory
         gaps: list[np.ndarray] | None = None if isinstance(self.volume.samples, np.ndarray) else []
         low, high = zyx_index(self.low[brick]), zyx_index(self.high[brick])
         inside = self.hidden.inside if self.hidden else None
-        records = box_records(self.volume, self.post, self.kernel, (low, high), gaps, inside)
+
+        def is_hidden(low: Places, high: Places) -> np.ndarray:
+            assert shown is not None
+            here = [np.arange(b - a) // BLOCK for a, b in zip(low, high, strict=True)]
+            unseen = np.asarray(~shown[np.ix_(*here)])
+            return unseen if inside is None else unseen | inside(low, high)
+
+        is_partly = shown is not None and not shown.all()
+        records = box_records(self.volume, self.post, self.kernel, (low, high), gaps, is_hidden if is_partly else inside)
         self.gaps[brick] = sum(map(len, gaps or ()))
         return records
 
@@ -233,7 +298,7 @@ class Bricks:
         """The bricks that contribute to a range of sheets, restricted to it."""
         furthest = sheets.base(self._corner_places(sheets, view).max(axis=0))
         overlaps = (self.nearest(sheets, view) <= shell[1] + 1) & (furthest >= shell[0] - sheets.count)
-        return replace(self, low=self.low[overlaps], high=self.high[overlaps], found={}, gaps={}, shell=shell)
+        return replace(self, low=self.low[overlaps], high=self.high[overlaps], counts={}, gaps={}, shell=shell)
 
     def shells(self, sheets: Sheets, view: GridView, count: int) -> list[Shell]:
         """At most `count` ranges of sheets with about equally many bricks, nearest first."""
@@ -294,8 +359,9 @@ EACH = 100
 # bricks in advance; per splat of a batch; per splat that waits; least for splats that wait and samples; and maximum
 # number of bands
 BRICKS, THREAD, BATCHED, WAITING, LEAST, MOST_BANDS = 350 << 20, 120 << 20, 270, 64, 32 << 20, 16
-# bytes per sample of the picture: target, resolved and read-back copies, and open sheets
-SAMPLE = 160
+# bytes per sample of the picture: target, resolved and read-back copies, and open sheets; samples of a pixel where
+# voxels are not narrower than pixels
+SAMPLE, MOST_FINE = 160, 4
 # boxes that are read for an estimate, voxels along their sides, and steps between them as shares of the volume's sides:
 # the R sequence in three dimensions, which leaves no gaps (Roberts 2018)
 PROBES, PROBE_SIDE, STEPS = 64, 24, (0.8191725134, 0.6710436067, 0.5497004779)
@@ -368,7 +434,7 @@ def estimate_need(bricks: Bricks, pixels: int, enough: int) -> MemoryEstimate:
     low = spread_places(np.maximum(size - side, 0), count)
     # a thin volume yields the same place several times
     low, same = np.unique(low, axis=0, return_inverse=True)
-    probes = Bricks(volume, bricks.post, low, np.minimum(low + side, size))
+    probes = Bricks(volume, bricks.post, low, np.minimum(low + side, size), hidden=bricks.hidden)
     voxels = (probes.high - low).prod(axis=1)[same.ravel()]
     shares = np.array([len(probes.records(n)) for n in range(len(low))])[same.ravel()] / voxels
     share = float(np.average(shares, weights=voxels))
@@ -402,19 +468,21 @@ def required_bricks(volume: Volume, transfer: Transfer, settings: Settings) -> B
     return bricks
 
 
-def excess_need(bricks: Bricks, size: tuple[int, int], memory: int) -> MemoryEstimate | None:
-    """Memory needed by a picture of `size` (width, height); None if all splats fit into `memory` bytes and the GPU."""
-    # samples are at most 2 × 2 where voxels are not narrower than pixels
-    wanted = estimate_need(bricks, 4 * size[0] * size[1], memory)
+def excess_need(bricks: Bricks, samples: int, memory: int) -> MemoryEstimate | None:
+    """Memory needed by a picture of so many samples; None if all splats fit into `memory` bytes and the GPU."""
+    wanted = estimate_need(bricks, samples, memory)
     return None if wanted.bytes <= memory and wanted.most <= MOST_KEPT else wanted
 
 
 def excess_bricks(
-    volume: Volume, transfer: Transfer, settings: Settings, size: tuple[int, int], threshold: float = 0.0
+    volume: Volume, transfer: Transfer, settings: Settings, view: Camera | tuple[int, int], threshold: float = 0.0
 ) -> tuple[Bricks, MemoryEstimate] | None:
-    """The volume in bricks, and the memory of its picture of `size`; None if it fits into the budget and the GPU, and
-    for voxels classified before reconstruction, or above a threshold.
+    """The volume in bricks, and the memory of its picture; None if it fits into the budget and the GPU, and for voxels
+    classified before reconstruction, or above a threshold. view: the camera, or the size alone.
     """
     bricks = None if threshold else bricks_of(volume, transfer, settings)
-    need = excess_need(bricks, size, budget()) if bricks else None
-    return (bricks, need) if bricks and need else None
+    if bricks is None:
+        return None
+    samples = bricks.samples(view, settings) if isinstance(view, Camera) else MOST_FINE * view[0] * view[1]
+    need = excess_need(bricks, samples, budget())
+    return (bricks, need) if need else None

@@ -105,33 +105,6 @@ class Clusters:
             near, far = middle - half, middle + half
         return sheets.base(near / sheets.thickness) - SLACK, sheets.base(far / sheets.thickness) + SLACK
 
-    def tiles(self, view: GridView, window: PixelWindow, stride: int = 1) -> np.ndarray:
-        """int64 [4, C]: first column and row of tiles of a window, and end column and row, that splats of a cluster may
-        touch; the end is not after the first if there are none.
-        """
-        centre = view.voxels((self.low + self.high).T / 2)
-        half = np.abs(view.eye_from_index) @ (self.high - self.low) / 2
-        nearest = centre[2] - half[2]
-        # boxes around the kernels
-        half = half + view.kernel.radius * np.linalg.norm(view.eye_from_index, axis=1)[:, None]
-        low, high, margin = centre[:2] - half[:2], centre[:2] + half[:2], np.full(2, float(BOUNDS_MARGIN))
-        everywhere = np.zeros(len(nearest), bool)
-        if view.perspective:
-            # a splat beside the eye has no place in the picture
-            everywhere = (centre[2] - half[2] <= 0) | (nearest <= 2 * HAS_PLACE * view.depth_reach)
-            ends = np.where(everywhere, 1.0, np.stack([centre[2] - half[2], centre[2] + half[2]]))
-            low, high = low / np.where(low > 0, ends[1], ends[0]), high / np.where(high > 0, ends[0], ends[1])
-        if view.antialias:
-            slant = float(np.hypot(*view.edge)) if view.perspective else 0.0
-            margin += STRETCHED * view.kernel.radius * view.blur * (1 + slant)
-        offset = stride * np.array([[window.x], [window.y]]) - np.array([view.size]).T / 2
-        side, many = np.array([[COLUMNS], [ROWS]]), np.array([[window.width], [window.height]])
-        many, side = -(-many // side), stride * side
-        first = np.floor((low / view.pitch - margin[:, None] - offset) / side)
-        end = np.floor((high / view.pitch + margin[:, None] - offset) / side) + 1
-        first, end = np.where(everywhere, 0, first), np.where(everywhere, many, end)
-        return np.concatenate([np.clip(first, 0, many), np.clip(end, 0, many)]).astype(np.int64)
-
     def rounds(
         self, splats: Splats, plan: Plan, window: PixelWindow, closed: Callable[[], np.ndarray], stride: int = 1
     ) -> Iterator[RoundSplats]:
@@ -142,11 +115,11 @@ class Clusters:
         assert sheets is not None
         base, end = sheets.range(splats, view)
         first, last = (np.clip(ends - base, 0, end - base) for ends in self.sheets(view, sheets))
-        tiles, count = self.tiles(view, window, stride), np.diff(self.begin)
+        tiles, count = touched_tiles(self.low, self.high, view, window, stride), np.diff(self.begin)
         begin, most, wide, expected = 0, end - base + 1, 1.0, np.inf
         while begin < most:
             shown = np.flatnonzero(
-                (last >= begin) & _has_open(tiles, closed().reshape(-1, -(-window.width // COLUMNS)))
+                (last >= begin) & has_open(tiles, closed().reshape(-1, -(-window.width // COLUMNS)))
             )
             if not len(shown):
                 return
@@ -164,7 +137,37 @@ class Clusters:
             begin, expected = until, before[-1] - before[until - 1]
 
 
-def _has_open(tiles: np.ndarray, closed: np.ndarray) -> np.ndarray:
+def touched_tiles(
+    low: np.ndarray, high: np.ndarray, view: GridView, window: PixelWindow, stride: int = 1
+) -> np.ndarray:
+    """int64 [4, C]: first column and row of tiles of a window, and end column and row, that splats in boxes from low to
+    high [3, C], grid indices, may touch; the end is not after the first if there are none.
+    """
+    centre = view.voxels((low + high).T / 2)
+    half = np.abs(view.eye_from_index) @ (high - low) / 2
+    nearest = centre[2] - half[2]
+    # boxes around the kernels
+    half = half + view.kernel.radius * np.linalg.norm(view.eye_from_index, axis=1)[:, None]
+    low, high, margin = centre[:2] - half[:2], centre[:2] + half[:2], np.full(2, float(BOUNDS_MARGIN))
+    everywhere = np.zeros(len(nearest), bool)
+    if view.perspective:
+        # a splat beside the eye has no place in the picture
+        everywhere = (centre[2] - half[2] <= 0) | (nearest <= 2 * HAS_PLACE * view.depth_reach)
+        ends = np.where(everywhere, 1.0, np.stack([centre[2] - half[2], centre[2] + half[2]]))
+        low, high = low / np.where(low > 0, ends[1], ends[0]), high / np.where(high > 0, ends[0], ends[1])
+    if view.antialias:
+        slant = float(np.hypot(*view.edge)) if view.perspective else 0.0
+        margin += STRETCHED * view.kernel.radius * view.blur * (1 + slant)
+    offset = stride * np.array([[window.x], [window.y]]) - np.array([view.size]).T / 2
+    side, many = np.array([[COLUMNS], [ROWS]]), np.array([[window.width], [window.height]])
+    many, side = -(-many // side), stride * side
+    first = np.floor((low / view.pitch - margin[:, None] - offset) / side)
+    end = np.floor((high / view.pitch + margin[:, None] - offset) / side) + 1
+    first, end = np.where(everywhere, 0, first), np.where(everywhere, many, end)
+    return np.concatenate([np.clip(first, 0, many), np.clip(end, 0, many)]).astype(np.int64)
+
+
+def has_open(tiles: np.ndarray, closed: np.ndarray) -> np.ndarray:
     """bool [C]: whether rectangles of tiles [4, C] have an open one. closed [rows, columns]: mask."""
     before = np.zeros((closed.shape[0] + 1, closed.shape[1] + 1), np.int64)
     before[1:, 1:] = np.cumsum(np.cumsum(~closed, axis=0), axis=1)

@@ -150,8 +150,13 @@ def render_pixels_of(bricks: Bricks, camera: Camera, settings: Settings, wanted:
     half = (bricks.high - 1 - bricks.low) / 2
     around = float(np.linalg.norm(half, axis=1).max())
     parts = [np.zeros(0, record_type(bricks.volume.shape, post=True))]
+
+    def is_near(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        half = (high - low) / 2
+        return may_reach(low + half, resolved.view, fine, float(np.linalg.norm(half, axis=1).max()))
+
     for brick in np.flatnonzero(may_reach(bricks.low + half, resolved.view, fine, around)).tolist():
-        records = bricks.records(brick)
+        records = bricks.records(brick, bricks.shown(brick, is_near))
         parts.append(records[may_reach(records["position"], resolved.view, fine)])
     records = np.concatenate(parts)
     records = records[np.lexsort(records["position"].T)]

@@ -311,7 +311,7 @@ def _drawn_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
     from splatgl.planning.bricks import excess_bricks
 
     file, camera, settings = scene.file, scene.camera, scene.settings
-    excess = excess_bricks(scene.volume, scene.transfer, settings, file.view.size, file.threshold)
+    excess = excess_bricks(scene.volume, scene.transfer, settings, camera, file.threshold)
     if excess is None:
         return None
     (bricks, need), most = excess, budget()
@@ -320,7 +320,7 @@ def _drawn_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
     with how.renderer() as renderer, progress_bar("brick", scene.is_quiet) as progress:
         # refuses what bricks cannot draw, before memory that is too little for it
         plan = renderer.plan_bricks(bricks, camera, settings)
-        bricks, bands = need.fitted(bricks, most)
+        bricks, bands = bricks.fitted(camera, settings, most)
         if not scene.is_quiet:
             reason = f"{need}, together more than {format_bytes(most)}"
             if need.bytes <= most:

@@ -104,16 +104,19 @@ def box_records(
     known to hold none are not read. Appends to `gaps` the places [N, 3] (x, y, z) of missing voxels within reach of
     their kernels.
     """
-    low, high = box
     halo, nothing = halo_of(kernel), np.zeros(0, record_type(volume.shape, post=True))
     if not post.faced:
         halo = max(halo, margin_of(kernel) + TAPS + STEEP_REACH * bool(post.steepness.any()))
     mask = MaskField.of(volume)
-    near = None if mask is None else mask.near(low, high)
+    near = None if mask is None else mask.near(*box)
     if hidden is not None:
-        near = ~hidden(low, high) if near is None else near & ~hidden(low, high)
-    if near is not None and not near.any():
-        return nothing
+        near = ~hidden(*box) if near is None else near & ~hidden(*box)
+    if near is not None:
+        if not near.any():
+            return nothing
+        if gaps is None or volume.samples.dtype.kind != "f":
+            near, box = _without_margins(near, box)
+    low, high = box
     ends = volume.extent(low, high, halo)
     if ends is not None and not _meets(post, ends):
         return nothing
@@ -125,6 +128,16 @@ def box_records(
     if gaps is not None and not np.isfinite(part.u[z, y, x]).all():
         gaps.append(_gaps(part, post))
     return post_records(volume, post, kernel, part, near)
+
+
+def _without_margins(near: np.ndarray, box: Box) -> tuple[np.ndarray, Box]:
+    """The smallest part of a box that holds all voxels `near`, bool [d, h, w], some of which are; and its ends."""
+    rows = near.any(axis=2)
+    lines = rows.any(axis=1), rows.any(axis=0), near.any(axis=(0, 1))
+    z, y, x = (slice(int(line.argmax()), len(line) - int(line[::-1].argmax())) for line in lines)
+    low: Any = tuple(a + side.start for a, side in zip(box[0], (z, y, x), strict=True))
+    high: Any = tuple(a + side.stop for a, side in zip(box[0], (z, y, x), strict=True))
+    return near[z, y, x], (low, high)
 
 
 def _meets(post: ValueClassifier, samples: np.ndarray) -> bool:

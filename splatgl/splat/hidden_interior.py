@@ -1,6 +1,6 @@
 """Hidden interiors of opaque objects: voxels that are practically invisible from outside the volume's box.
 
-The volume is divided into cells of SIDE³ voxels. Three lower bounds follow from each other.
+The volume is divided into cells of SIDE³ voxels, or larger ones. Three lower bounds follow from each other.
 
 1. Extinction. The values in a cell are means over the voxels within the reach of the kernels around it: one cell, as
    many more as a pixel is wider than a voxel; all voxels further away have 10⁻⁵ of the weight, in any direction of the
@@ -14,8 +14,9 @@ The volume is divided into cells of SIDE³ voxels. Three lower bounds follow fro
        D(i, j, k) = min of the four D(i − 1, ·, ·) + thickness · min of the eight extinctions,
 
    with D = 0 outside. Exchanged axes and signs give 24 cones that cover all directions; the least of their D is the
-   bound for every eye outside. Rays are straight: a cavity behind matter is hidden although a bent channel leads to
-   it, and a tunnel shows what lies along it.
+   bound for every eye outside. For one eye, straight beams are passed instead, which add up the least extinction of the
+   cells that they meet in each plane: the far side of an object is hidden, too. Rays are straight: a cavity behind
+   matter is hidden although a bent channel leads to it, and a tunnel shows what lies along it.
 3. Light. If no cell within reach of a cell has D < −log LIGHT, all points whose values depend on its voxels send less
    than LIGHT to an eye outside. Without these voxels no ray changes before it has lost all light but LIGHT, and what
    lies behind, colours and opacities up to 1, changes its pixel by less than LIGHT.
@@ -23,7 +24,8 @@ The volume is divided into cells of SIDE³ voxels. Three lower bounds follow fro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -32,6 +34,7 @@ from splatgl.data.volume import Places, Volume
 from splatgl.geometry.grid import Grid
 from splatgl.splat.extract_values import tabulate
 from splatgl.splat.kernels import FREE, kernel
+from splatgl.splat.splats import in_parts
 from splatgl.transfer.preintegration import CELLS, ValueClassifier
 
 # voxels along a cell, which kernels of values reach where no pixel is wider than a voxel
@@ -50,45 +53,65 @@ LEAST, PART = 2**18, 2**21
 FULL = 255
 # steps between the samples that show whether an interior may be large enough
 PROBE = 4
+# planes of cells that are read together, runs of memory along the last axis; beams beside those of one eye that meet a
+# cell, and cells by which they are wider, for rounding
+TOGETHER, BESIDE, ROUNDED = 32, 1, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class HiddenInterior:
-    """Cells of hidden voxels. cells bool [Z, Y, X]: of SIDE³ voxels each, the first at the volume's first voxel."""
+    """Cells of hidden voxels. cells bool [Z, Y, X]: of `side`³ voxels each, the first at the volume's first voxel."""
 
     cells: np.ndarray
+    side: int = SIDE
 
     @classmethod
-    def of(cls, volume: Volume, post: ValueClassifier, unit: float, reach: int = 1) -> HiddenInterior | None:
+    def of(
+        cls,
+        volume: Volume,
+        post: ValueClassifier,
+        unit: float,
+        reach: int = 1,
+        eye: np.ndarray | None = None,
+        side: int = SIDE,
+    ) -> HiddenInterior | None:
         """The hidden interior of a volume in memory; None if there is none, or a small one, and for vectors, as
-        voxels may move along these. unit: reference length of opacities, world units. reach: cells that kernels reach.
+        voxels may move along these.
+
+        unit: reference length of opacities, world units. reach: cells of SIDE voxels that kernels reach. eye [4]: the
+        only one that looks, homogeneous grid indices (x, y, z, 1), or (x, y, z, 0) towards it; None: every one outside.
+        side: voxels along a cell, a multiple of SIDE.
         """
         unsuitable = not isinstance(volume.samples, np.ndarray) or volume.vectors is not None
         if volume.count < LEAST or unsuitable or not _is_bounded(post):
             return None
-        extinction = least_extinctions(post)
+        extinction, reach = least_extinctions(post), -(-reach * SIDE // side)
         probe = _codes(post, volume.samples[::PROBE, ::PROBE, ::PROBE])
         if not _is_worth_it((extinction > 0)[probe], PROBE):
             return None
-        low, high = (least_around(ends, reach) for ends in _ends(volume, post))
-        interval = (low.astype(np.uint16) << 8) + (FULL - high)
-        if not _is_worth_it(_depth_table(np.where(extinction > 0, np.inf, 0.0))[interval] > 0, SIDE):
+        interval = _intervals(volume, post, reach, side)
+        if eye is None and not _is_worth_it(_depth_table(np.where(extinction > 0, np.inf, 0.0))[interval] > 0, side):
             return None
-        grid = Grid.of(volume)
-        thickness = SIDE / np.linalg.norm(np.linalg.inv(grid.world_from_index), axis=1)
+        thickness = side / np.linalg.norm(np.linalg.inv(Grid.of(volume).world_from_index), axis=1)
         tables = [_depth_table(extinction * (width / unit)) for width in thickness]
-        depth = depths_from_outside([np.take(table, interval) for table in tables])
-        hidden = cls((least_around(depth, reach) == FULL)[1:-1, 1:-1, 1:-1])
+        if eye is not None:
+            # in cells, of which a layer lies around all
+            place = np.append((eye[:3] + 0.5 * eye[3]) / side + eye[3], eye[3])
+            depth = depths_before(interval, tables, place)
+        else:
+            depth = depths_from_outside([np.take(table, interval) for table in tables])
+        del interval
+        hidden = cls((least_around(depth, reach) == FULL)[1:-1, 1:-1, 1:-1], side)
         return hidden if hidden.count >= LEAST else None
 
     @property
     def count(self) -> int:
         """Number of voxels in the cells."""
-        return int(self.cells.sum()) * SIDE**3
+        return int(self.cells.sum()) * self.side**3
 
     def inside(self, low: Places, high: Places) -> np.ndarray:
         """bool: whether voxels low ≤ (z, y, x) < high are hidden."""
-        z, y, x = (np.arange(a, b) // SIDE for a, b in zip(low, high, strict=True))
+        z, y, x = (np.arange(a, b) // self.side for a, b in zip(low, high, strict=True))
         return np.asarray(self.cells[np.ix_(z, y, x)])
 
 
@@ -141,29 +164,49 @@ def _depth_table(depths: np.ndarray) -> np.ndarray:
     return np.where((low > 0) & (low <= high), minima[first, last], 0).astype(np.uint8).ravel()
 
 
-def _ends(volume: Volume, post: ValueClassifier) -> tuple[np.ndarray, np.ndarray]:
+def _intervals(volume: Volume, post: ValueClassifier, reach: int, side: int) -> np.ndarray:
+    """uint16 [Z, Y, X]: intervals of codes within `reach` of each cell: 256 · the lowest code + the highest. A layer
+    around all cells, and cells beyond the ends, count as missing.
+    """
+    low, high = (least_around(ends, reach) for ends in _ends(volume, post, side))
+    interval = low.astype(np.uint16)
+    interval <<= 8
+    interval += np.subtract(FULL, high, out=high)
+    return interval
+
+
+def _ends(volume: Volume, post: ValueClassifier, side: int) -> tuple[np.ndarray, np.ndarray]:
     """uint8 [Z, Y, X], twice: the lowest code in each cell, FULL less the highest; 0 in a layer around all cells."""
-    depth, height, width = volume.shape
-    count = [-(-size // SIDE) for size in volume.shape]
-    low, high = (np.zeros([size + 2 for size in count], np.uint8) for _ in range(2))
-    planes = max(PART // (height * width) // SIDE, 1) * SIDE
-    for first in range(0, depth, planes):
-        last = min(first + planes, depth)
-        code = _codes(post, volume.samples[first:last])
+    low, high = (np.zeros([-(-size // side) + 2 for size in volume.shape], np.uint8) for _ in range(2))
+    depth, height, width = (size // side * side for size in volume.shape)
+    planes = max(PART // max(height * width * side, 1), 1) * side
+
+    def fill(which: slice) -> None:
+        samples = volume.samples[which, :height, :width]
+        inner = tuple(slice(1, 1 + size // side) for size in (height, width))
+        layers = slice(1 + which.start // side, 1 + which.stop // side)
+        if samples.dtype.kind in "iu" and not volume.masks:
+            # codes rise with samples
+            low[layers, *inner] = _codes(post, _ends_of_cells(np.minimum, samples, side))
+            high[layers, *inner] = FULL - _codes(post, _ends_of_cells(np.maximum, samples, side))
+            return
+        code = _codes(post, samples)
         if volume.masks:
-            code = np.where(volume.kept((first, 0, 0), (last, height, width)), code, np.uint8(0))
-        code = np.pad(code, [(0, -size % SIDE) for size in code.shape])
-        inner = (slice(1 + first // SIDE, 1 + -(-last // SIDE)), slice(1, -1), slice(1, -1))
-        low[inner] = _least_of_cells(code)
-        high[inner] = _least_of_cells(FULL - code)
+            code = np.where(volume.kept((which.start, 0, 0), (which.stop, height, width)), code, np.uint8(0))
+        low[layers, *inner] = _ends_of_cells(np.minimum, code, side)
+        high[layers, *inner] = FULL - _ends_of_cells(np.maximum, code, side)
+
+    in_parts(depth, planes, fill)
     return low, high
 
 
-def _least_of_cells(a: np.ndarray) -> np.ndarray:
-    """The minimum in each cell of a [2 · Z, 2 · Y, 2 · X]."""
-    for axis in range(3):
-        a = np.moveaxis(a, axis, 0)
-        a = np.moveaxis(np.minimum(a[::SIDE], a[1::SIDE]), 0, axis)
+def _ends_of_cells(of: np.ufunc, a: np.ndarray, side: int) -> np.ndarray:
+    """The minimum or maximum in each cell of a [side · Z, side · Y, side · X]; side: a power of two."""
+    while side > 1:
+        for axis in range(3):
+            turned = np.moveaxis(a, axis, 0)
+            a = np.moveaxis(of(turned[::2], turned[1::2]), 0, axis)
+        side //= 2
     return a
 
 
@@ -214,3 +257,94 @@ def _pass_planes(eight: np.ndarray, least: np.ndarray) -> None:
         np.minimum(before, most, out=before)
         before += step
         np.minimum(known, before, out=known)
+
+
+def depths_before(interval: np.ndarray, tables: list[np.ndarray], eye: np.ndarray) -> np.ndarray:
+    """uint8 [Z, Y, X]: lower bounds of the optical depth between one eye and any point of each cell. tables: of
+    intervals, across cells along x, y and z; 0 for those of the outermost cells. eye [4]: as of `HiddenInterior.of`, in
+    cells.
+
+    Beams from the eye, a cell wide in the middle of the volume, pass planes of cells one after another.
+    """
+    zyx, size = eye[2::-1], np.array(interval.shape)
+    # the axis along which the eye lies furthest outside, from where it looks forward to all planes
+    outside = np.maximum(-zyx, zyx - size) if eye[3] else np.abs(zyx)
+    axis = int(outside.argmax())
+    is_behind = bool(zyx[axis] > (size[axis] if eye[3] else 0.0))
+    turned, bounds = slice(None, None, -1 if is_behind else 1), np.zeros(interval.shape, np.uint8)
+    planes, least = (np.moveaxis(a, axis, 0)[turned] for a in (interval, bounds))
+    if is_behind:
+        zyx = np.where(np.arange(3) == axis, size * eye[3] - zyx, zyx)
+    beams = [Beams.of(zyx[[axis, n]], bool(eye[3]), (len(planes), int(size[n]))) for n in range(3) if n != axis]
+    passed = np.zeros([beam.count for beam in beams], np.uint8)
+    for first in range(0, len(planes) if outside[axis] > 0 else 0, TOGETHER):
+        # copied: cells along the last axis of memory
+        depths = np.take(tables[2 - axis], np.ascontiguousarray(planes[first : first + TOGETHER]))
+        for n, depth in enumerate(depths, first):
+            (rows, from_rows), (columns, from_columns) = (beam.meet(n) for beam in beams)
+            least[n] = _least_of(_least_of(passed, from_rows, 0), from_columns, 1)
+            step = _least_of(_least_of(depth, rows, 0), columns, 1)
+            # sums end at FULL
+            np.minimum(passed, FULL - step, out=passed)
+            passed += step
+    return bounds
+
+
+# cells, or beams, from the first to the last
+Ends = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Beams:
+    """Beams side by side along an axis of a plane of cells. eye: distance of the first plane, and place along the axis;
+    of parallel beams the slope. middle: distance where they are a cell wide, the first begins at `start`. size: planes,
+    and cells along the axis.
+    """
+
+    eye: tuple[float, float]
+    perspective: bool
+    size: tuple[int, int]
+    middle: float
+    start: int
+    count: int
+
+    @classmethod
+    def of(cls, eye: np.ndarray, perspective: bool, size: tuple[int, int]) -> Beams:
+        """Beams that meet all cells. eye [2]: along the axis across the planes and this one, or towards it."""
+        across, along = eye.tolist()
+        place = (-across, along) if perspective else (0.0, along / across)
+        beams = cls(place, perspective, size, size[0] / 2 + place[0], 0, 0)
+        ends = [beams._from(cell, plane) for cell in (0, size[1]) for plane in (0, size[0])]
+        start = math.floor(min(ends)) - BESIDE
+        return replace(beams, start=start, count=math.ceil(max(ends)) + BESIDE - start)
+
+    def _from(self, place: float, plane: int) -> float:
+        """The place, at the middle distance, of the ray through a place of a plane."""
+        distance, along = self.eye[0] + plane, self.eye[1]
+        if self.perspective:
+            return along + (place - along) * self.middle / distance
+        return place - along * (distance - self.middle)
+
+    def meet(self, plane: int) -> tuple[Ends, Ends]:
+        """The cells of a plane that each beam meets, and the beams that meet each cell."""
+        edge = np.arange(self.start, self.start + self.count + 1, dtype=np.float64)
+        along, distances = self.eye[1], self.eye[0] + plane + np.array([[0.0], [1.0]])
+        if self.perspective:
+            places = along + (edge - along) * distances / self.middle
+        else:
+            places = edge + along * (distances - self.middle)
+        low, high = places.min(axis=0)[:-1] - ROUNDED, places.max(axis=0)[1:] + ROUNDED
+        cells, most = np.arange(self.size[1]), self.size[1] - 1
+        # cells beyond the ends are transparent, as the outermost ones
+        ends = (np.clip(np.floor(end), 0, most).astype(np.int64) for end in (low, high))
+        first, last = np.searchsorted(high, cells), np.searchsorted(low, cells + 1, side="right") - 1
+        return tuple(ends), (first, last)  # type: ignore[return-value]
+
+
+def _least_of(a: np.ndarray, ends: Ends, axis: int) -> np.ndarray:
+    """The least elements of an array [m, n] along an axis from first to last places."""
+    first, last = ends
+    least = np.take(a, first, axis)
+    for step in range(1, int((last - first).max(initial=0)) + 1):
+        np.minimum(least, np.take(a, np.minimum(first + step, last), axis), out=least)
+    return least

@@ -128,7 +128,7 @@ def test_pixels_of_bricks_are_compared_as_those_of_the_whole(
     bricks, read = in_bricks(volume, RAMP, ALL, 6), set[int]()
     image = renderer.render_bricks(bricks, camera, ALL)
     records = Bricks.records
-    monkeypatch.setattr(Bricks, "records", lambda self, n: read.add(n) or records(self, n))
+    monkeypatch.setattr(Bricks, "records", lambda self, n, *more: read.add(n) or records(self, n, *more))
     found: Any = check_bricks(image, bricks, camera, ALL, 1).info["checked"]
     assert len(read) < (0.9 if name == "inside" else 0.45) * len(bricks.low)
     scene = resolve_scene(sg.extract(volume, RAMP), camera, ALL)
@@ -249,7 +249,7 @@ def test_shells_hold_what_reaches_them(name: str, rng: np.random.Generator) -> N
     count = 0
     for first, last in bricks.shells(sheets, view, 3):
         some = bricks.within(sheets, view, (first, last))
-        found = np.concatenate([batch for batch, _ in some.batches(sheets, view, lambda *_: True)])
+        found = np.concatenate([batch for batch, _ in some.batches(sheets, view, lambda low, _: np.ones(len(low), bool))])
         right = records[(base + sheets.count >= first) & (base <= last + 1)]
         assert 0 < len(right) < len(records)
         assert set(map(tuple, right["position"].tolist())) <= set(map(tuple, found["position"].tolist()))

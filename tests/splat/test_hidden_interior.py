@@ -12,7 +12,7 @@ from splatgl.errors import InputError
 from splatgl.planning.bricks import Bricks
 from splatgl.planning.resolve import select_splats
 from splatgl.splat import extract, hidden_interior
-from splatgl.splat.hidden_interior import LIGHT, HiddenInterior, depths_from_outside
+from splatgl.splat.hidden_interior import LIGHT, HiddenInterior, depths_before, depths_from_outside
 from splatgl.transfer.preintegration import ValueClassifier
 
 SIDE = 48
@@ -47,17 +47,27 @@ def hidden(samples: np.ndarray, transfer: sg.Transfer = SOLID, reach: int = 1, *
     return np.zeros(samples.shape, bool) if found is None else found.inside((0, 0, 0), whole.shape)
 
 
-def march(depth: np.ndarray, seed: int) -> float:
-    """The most by which the bound of a cell exceeds the optical depth of a ray before it; depth: cubic cells'."""
+def march(depth: np.ndarray, seed: int, eye: tuple[float, ...] | None = None) -> float:
+    """The most by which the bound of a cell exceeds the optical depth of a ray before it; depth: cubic cells'. eye: the
+    only one that looks (z, y, x, 1), or (z, y, x, 0) towards it.
+    """
     random = np.random.default_rng(seed)
-    bound = depths_from_outside([depth] * 3).astype(float)
+    if eye is None:
+        bound = depths_from_outside([depth] * 3).astype(float)
+    else:
+        bound = before(depth, eye).astype(float)
     size = np.array(depth.shape)
     along = random.normal(size=(400, 3))
     # some along the borders between cones
     along[:100, 0] = along[:100, 1] * random.choice([-1, 1], 100)
-    along /= np.linalg.norm(along, axis=1)[:, None]
     target = random.uniform(1, size - 1, (400, 3))
-    place, passed, most = target - along * 2 * size.max(), np.zeros(400), 0.0
+    if eye is not None:
+        along = target - eye[:3] if eye[3] else np.tile(-np.array(eye[:3]), (400, 1))
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    start = target - along * 2 * size.max()
+    if eye is not None and eye[3]:
+        start[:] = eye[:3]
+    place, passed, most = start, np.zeros(400), 0.0
     for _ in range(int(4 * size.max() / STEP)):
         place += along * STEP
         cell = np.floor(place).astype(int)
@@ -68,14 +78,44 @@ def march(depth: np.ndarray, seed: int) -> float:
     return most
 
 
+def before(depth: np.ndarray, eye: tuple[float, ...]) -> np.ndarray:
+    """`depths_before` of cubic cells; eye: (z, y, x, 1 or 0)."""
+    return depths_before(depth.astype(np.uint16), [np.arange(256, dtype=np.uint8)] * 3, np.array(eye)[[2, 1, 0, 3]])
+
+
+def blocks(seed: int) -> np.ndarray:
+    """Random matter with holes, in blocks."""
+    random = np.random.default_rng(seed)
+    values = random.integers(0, 90, (3, 3, 3)) * (random.random((3, 3, 3)) > 0.2)
+    return np.pad(np.kron(values, np.ones((3, 3, 3))), 1).astype(np.uint8)
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_no_ray_passes_less(seed: int) -> None:
-    # random matter with holes, in blocks, and a bound that is not trivial
-    random = np.random.default_rng(seed)
-    blocks = random.integers(0, 90, (3, 3, 3)) * (random.random((3, 3, 3)) > 0.2)
-    depth = np.pad(np.kron(blocks, np.ones((3, 3, 3))), 1).astype(np.uint8)
+    depth = blocks(seed)
     assert march(depth, seed) <= 90 * STEP * 4
+    # not a trivial bound
     assert depths_from_outside([depth] * 3).max() > 30
+
+
+EYES = {
+    "far": (-30.0, 4.0, 17.0, 1.0),
+    "near": (4.3, 12.5, 6.0, 1.0),
+    "beside a corner": (14.0, -6.0, -9.0, 1.0),
+    "behind": (5.0, 2.0, 40.0, 1.0),
+    "parallel": (0.3, -1.0, 0.7, 0.0),
+    "along an axis": (0.0, 0.0, 1.0, 0.0),
+}
+
+
+@pytest.mark.parametrize("name", EYES)
+def test_no_ray_of_one_eye_passes_less(name: str) -> None:
+    depth = blocks(3)
+    assert march(depth, 3, EYES[name]) <= 90 * STEP * 4
+    # more than for all eyes, which see every side
+    found, everyone = before(depth, EYES[name]).astype(int), depths_from_outside([depth] * 3).astype(int)
+    assert found.max() > 30 and found.sum() > 1.3 * everyone.sum()
+    assert not before(depth, (5.0, 5.0, 5.0, 1.0)).any()
 
 
 def test_slabs() -> None:
@@ -188,10 +228,18 @@ def test_pictures_are_those_of_all_voxels(ball: sg.Volume, camera: sg.Camera, re
         assert np.abs(pixels - renderer.render(whole, view, settings).pixels).max() <= LIGHT
 
 
-def test_bricks_leave_it_out_too(ball: sg.Volume, camera: sg.Camera, renderer: sg.Renderer) -> None:
+@pytest.mark.parametrize("parallel", [False, True])
+def test_bricks_leave_out_what_the_eye_does_not_see(
+    parallel: bool, ball: sg.Volume, camera: sg.Camera, renderer: sg.Renderer
+) -> None:
+    if parallel:
+        camera = sg.Camera.orthographic(camera.eye, ball.center, (0, 0, 1), 50, (32, 32))
     bricks = Bricks.of(ball, ValueClassifier.of(SOLID, "b-spline", ball.shape[::-1]), 16)
     visible = bricks.without_hidden(camera, sg.Settings())
-    assert sum(len(visible.records(brick)) for brick in range(len(bricks.low))) == len(sg.extract(ball, SOLID))
+    # what turns away from the eye is left out, too
+    count = sum(len(visible.records(brick)) for brick in range(len(bricks.low)))
+    assert 0.3 * len(sg.extract(ball, SOLID)) < count < 0.95 * len(sg.extract(ball, SOLID))
+    assert bricks.without_hidden(camera, sg.Settings()).hidden is visible.hidden
     assert bricks.without_hidden(camera, sg.Settings(occlusion="off")) is bricks
     image, off = (renderer.render_bricks(bricks, camera, sg.Settings(occlusion=how)) for how in ("auto", "off"))
     assert 0 < image.info["splats"] < off.info["splats"]
