@@ -262,9 +262,12 @@ def _shells(job: WorkerJob, sent: Volume | None, count: int) -> tuple[str, list[
 
 def _part(job: WorkerJob, sent: Volume | None, shell: Shell) -> PicturePart:
     """Draws a part of the picture, on a worker."""
+    from splatgl.planning.bricks import estimate_need
+
     bricks, chosen = _planned(job, sent)
     assert chosen.resolved.sheets is not None
-    bricks, bands = bricks.fitted(job.camera, job.settings, budget())
+    most = budget()
+    bricks, bands = estimate_need(bricks, bricks.samples(job.camera, job.settings), most).fitted(bricks, most)
     some = bricks.within(chosen.resolved.sheets, chosen.view, shell)
     pixels = renderer(job.drawing).render_part(some, job.camera, job.settings, bands)
     return PicturePart.of(pixels, sum(some.found.values()))

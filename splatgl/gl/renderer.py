@@ -33,6 +33,7 @@ from splatgl.planning.resolve import why_per_splat
 from splatgl.planning.scene import ResolvedScene, Scene, ScenePlan, join_pictures, plan_scene
 from splatgl.planning.technique import OcclusionCulling, TileSupport
 from splatgl.splat.extract_values import post_splats
+from splatgl.splat.hidden_interior import LEFT_OUT
 from splatgl.splat.motion import Motion, Supersampling
 from splatgl.splat.settings import FULL_SHUTTER, Settings
 from splatgl.splat.splats import Splats
@@ -228,6 +229,8 @@ class Renderer:
         """As `render_bricks`, by a plan of `plan_bricks`."""
         started = time.perf_counter()
         visible = bricks.without_hidden(camera, chosen.settings)
+        if visible.hidden is not None:
+            chosen = replace(chosen, notes=(*chosen.notes, LEFT_OUT))
         pixels = self._draw_bricks(visible, chosen, progress, interrupted, bands)
         return self._of_bricks(bricks, camera, chosen, pixels, sum(bricks.found.values()), started)
 

@@ -31,7 +31,7 @@ from splatgl.readers.common import is_mapped
 from splatgl.splat.extract import POST_KERNEL, why_only_pre
 from splatgl.splat.extract_values import box_records, boxes, gaps_of, post_splats
 from splatgl.splat.hidden_interior import SIDE as SIDE_OF_CELLS
-from splatgl.splat.hidden_interior import HiddenInterior
+from splatgl.splat.hidden_interior import HiddenInterior, in_voxels
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.settings import Settings
@@ -67,9 +67,10 @@ IsVisible = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class Bricks:
     """A volume in boxes of voxels. low, high int64 [B, 3]: brick b holds the voxels low ≤ (x, y, z) < high.
 
-    counts: numbers of splats in the blocks of each extracted brick. gaps: number of missing samples beside them, known once a brick is
-    read. shell: range of sheets whose splats are drawn; None: all. hidden: voxels that are left out. searched: the latest
-    that were, by what they depend on. threads: that extract bricks. batch: least number of splats drawn together.
+    counts: numbers of splats in the blocks of each extracted brick. gaps: number of missing samples beside them, known
+    once a brick is read. shell: range of sheets whose splats are drawn; None: all. hidden: voxels that are left out.
+    searched: the latest that were, by what they depend on. threads: that extract bricks. batch: least number of splats
+    drawn together.
     """
 
     volume: Volume
@@ -240,9 +241,11 @@ class Bricks:
                         future.cancel()
 
     def shown(self, brick: int, is_visible: IsVisible) -> np.ndarray:
-        """bool [z, y, x]: which blocks of BLOCK³ voxels of a brick may be visible."""
+        """bool [z, y, x]: which blocks of BLOCK³ voxels of a brick may be visible, and are not hidden."""
         low, high = self.low[brick], self.high[brick]
         count = -(-(high - low) // BLOCK)
+        if self.hidden is not None and self.hidden.hides(zyx_index(low), zyx_index(high)):
+            return np.zeros(count[::-1], bool)
         if not is_visible(low[None], high[None] - 1)[0]:
             return np.zeros(count[::-1], bool)
         first = low + BLOCK * np.stack(np.unravel_index(np.arange(count.prod()), count[::-1])[::-1], axis=1)
@@ -253,16 +256,19 @@ class Bricks:
         # `whole` masks the gaps of samples in memory
         gaps: list[np.ndarray] | None = None if isinstance(self.volume.samples, np.ndarray) else []
         low, high = zyx_index(self.low[brick]), zyx_index(self.high[brick])
+        if self.hidden is not None and self.hidden.hides(low, high):
+            return np.zeros(0, record_type(self.volume.shape, post=True))
         inside = self.hidden.inside if self.hidden else None
 
         def is_hidden(low: Places, high: Places) -> np.ndarray:
             assert shown is not None
-            here = [np.arange(b - a) // BLOCK for a, b in zip(low, high, strict=True)]
-            unseen = np.asarray(~shown[np.ix_(*here)])
+            unseen = in_voxels(~shown, BLOCK, (0, 0, 0), (high[0] - low[0], high[1] - low[1], high[2] - low[2]))
             return unseen if inside is None else unseen | inside(low, high)
 
         is_partly = shown is not None and not shown.all()
-        records = box_records(self.volume, self.post, self.kernel, (low, high), gaps, is_hidden if is_partly else inside)
+        records = box_records(
+            self.volume, self.post, self.kernel, (low, high), gaps, is_hidden if is_partly else inside
+        )
         self.gaps[brick] = sum(map(len, gaps or ()))
         return records
 
@@ -316,6 +322,8 @@ class Bricks:
         for n, arrived in enumerate(self._extract_ahead(order.tolist(), sheets, view, is_visible)):
             waiting += [arrived] if len(arrived[0]) else []
             last = n + 1 == len(order)
+            if sum(len(base) for _, base in waiting) < self.batch and not last:
+                continue
             limit = np.iinfo(np.int32).max if last else int(nearest[order[n + 1]]) - SLACK
             if sum(_count_before(waiting, limit)) < self.batch and not last:
                 continue
@@ -342,7 +350,7 @@ class Bricks:
 
 def _count_before(waiting: list[SheetRecords], sheet: int) -> list[int]:
     """The number of splats of each that come before a sheet."""
-    return [int(np.searchsorted(base, sheet)) for _, base in waiting]
+    return [int(base.searchsorted(sheet)) if base[0] < sheet else 0 for _, base in waiting]
 
 
 def _split_off(records: np.ndarray, base: np.ndarray, end: int) -> SheetRecords:

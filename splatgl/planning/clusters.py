@@ -118,9 +118,7 @@ class Clusters:
         tiles, count = touched_tiles(self.low, self.high, view, window, stride), np.diff(self.begin)
         begin, most, wide, expected = 0, end - base + 1, 1.0, np.inf
         while begin < most:
-            shown = np.flatnonzero(
-                (last >= begin) & has_open(tiles, closed().reshape(-1, -(-window.width // COLUMNS)))
-            )
+            shown = np.flatnonzero((last >= begin) & has_open(tiles, closed().reshape(-1, -(-window.width // COLUMNS))))
             if not len(shown):
                 return
             # the splats of a cluster that are left, about in the middle of its sheets that are left

@@ -19,7 +19,7 @@ from splatgl.geometry.mask_field import MaskField
 from splatgl.geometry.view import GridView, widening
 from splatgl.planning.ambient_occlusion import LightVolume
 from splatgl.splat.extract import POST_KERNEL, Progress, SplatSource, extract, why_only_pre
-from splatgl.splat.hidden_interior import LIGHT, TOLERANCE
+from splatgl.splat.hidden_interior import LEFT_OUT, TOLERANCE
 from splatgl.splat.kernels import BOX, FREE, Kernel, has_negative, kernel
 from splatgl.splat.lighting import LIGHTS, LightModel
 from splatgl.splat.motion_blur import MOTIONS
@@ -558,7 +558,7 @@ def select_with_notes(
     """
     selected = select_splats(splats, settings, moving, camera)
     if selected.skipped_interior:
-        notes.append(f"hidden voxels left out: they add less than {LIGHT:.1g}")
+        notes.append(LEFT_OUT)
     if selected.post is not None:
         return selected, None
     if splats.source is None or settings.classification != "auto":

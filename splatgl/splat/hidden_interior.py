@@ -43,6 +43,8 @@ SIDE = 2
 # where sRGB is steepest
 TOLERANCE = 1 / 255
 LIGHT = TOLERANCE / 13
+# note on pictures without hidden voxels
+LEFT_OUT = f"hidden voxels left out: they add less than {LIGHT:.1g}"
 # intervals of the transfer function's range: codes 2 …; 0 is missing, 1 below the range, the last one above it
 BINS = 250
 # share of an interval by which values may exceed it, and codes at least
@@ -111,8 +113,21 @@ class HiddenInterior:
 
     def inside(self, low: Places, high: Places) -> np.ndarray:
         """bool: whether voxels low ≤ (z, y, x) < high are hidden."""
-        z, y, x = (np.arange(a, b) // self.side for a, b in zip(low, high, strict=True))
-        return np.asarray(self.cells[np.ix_(z, y, x)])
+        return in_voxels(self.cells, self.side, low, high)
+
+    def hides(self, low: Places, high: Places) -> bool:
+        """Whether all voxels low ≤ (z, y, x) < high are hidden."""
+        some = (slice(a // self.side, -(-b // self.side)) for a, b in zip(low, high, strict=True))
+        return bool(self.cells[tuple(some)].all())
+
+
+def in_voxels(cells: np.ndarray, side: int, low: Places, high: Places) -> np.ndarray:
+    """The values of cells [Z, Y, X] of side³ voxels at the voxels low ≤ (z, y, x) < high."""
+    part = cells[tuple(slice(a // side, -(-b // side)) for a, b in zip(low, high, strict=True))]
+    for axis in range(3):
+        part = np.repeat(part, side, axis)
+    z, y, x = (slice(a % side, a % side + b - a) for a, b in zip(low, high, strict=True))
+    return np.asarray(part[z, y, x])
 
 
 def _is_worth_it(dense: np.ndarray, side: int) -> bool:
@@ -336,9 +351,8 @@ class Beams:
         low, high = places.min(axis=0)[:-1] - ROUNDED, places.max(axis=0)[1:] + ROUNDED
         cells, most = np.arange(self.size[1]), self.size[1] - 1
         # cells beyond the ends are transparent, as the outermost ones
-        ends = (np.clip(np.floor(end), 0, most).astype(np.int64) for end in (low, high))
-        first, last = np.searchsorted(high, cells), np.searchsorted(low, cells + 1, side="right") - 1
-        return tuple(ends), (first, last)  # type: ignore[return-value]
+        first, last = (np.clip(np.floor(end), 0, most).astype(np.int64) for end in (low, high))
+        return (first, last), (np.searchsorted(high, cells), np.searchsorted(low, cells + 1, side="right") - 1)
 
 
 def _least_of(a: np.ndarray, ends: Ends, axis: int) -> np.ndarray:

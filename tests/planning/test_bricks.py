@@ -249,7 +249,9 @@ def test_shells_hold_what_reaches_them(name: str, rng: np.random.Generator) -> N
     count = 0
     for first, last in bricks.shells(sheets, view, 3):
         some = bricks.within(sheets, view, (first, last))
-        found = np.concatenate([batch for batch, _ in some.batches(sheets, view, lambda low, _: np.ones(len(low), bool))])
+        found = np.concatenate(
+            [batch for batch, _ in some.batches(sheets, view, lambda low, _: np.ones(len(low), bool))]
+        )
         right = records[(base + sheets.count >= first) & (base <= last + 1)]
         assert 0 < len(right) < len(records)
         assert set(map(tuple, right["position"].tolist())) <= set(map(tuple, found["position"].tolist()))

@@ -52,10 +52,7 @@ def march(depth: np.ndarray, seed: int, eye: tuple[float, ...] | None = None) ->
     only one that looks (z, y, x, 1), or (z, y, x, 0) towards it.
     """
     random = np.random.default_rng(seed)
-    if eye is None:
-        bound = depths_from_outside([depth] * 3).astype(float)
-    else:
-        bound = before(depth, eye).astype(float)
+    bound = (depths_from_outside([depth] * 3) if eye is None else before(depth, eye)).astype(float)
     size = np.array(depth.shape)
     along = random.normal(size=(400, 3))
     # some along the borders between cones
