@@ -208,6 +208,12 @@ def test_pixels_of_bricks_take_all_samples(renderer: sg.Renderer, rng: np.random
     bricks = in_bricks(volume, RAMP, settings)
     plan = renderer.plan_bricks(bricks, camera, settings)
     assert plan.antialias == "2×2 samples a pixel"
+    # also where pixels are wider than voxels, by which memory is estimated
+    for view in (camera, camera.resized((7, 5))):
+        wanted = settings.replace(tolerance=0.003)
+        size = renderer.plan_bricks(bricks, view, wanted).view.size
+        assert bricks.samples(view, wanted) == size[0] * size[1]
+    assert bricks.samples(view, wanted) == 35 * 16
     assert "elsewhere" in renderer.plan(sg.extract(volume, RAMP), camera, settings).antialias
     right = renderer.render(sg.extract(volume, RAMP), camera, settings.replace(antialias="supersample", samples=2))
     found = renderer.render_bricks(bricks, camera, settings)
@@ -235,6 +241,25 @@ class Parts:
         found = self.samples[key]
         self.read += found.size
         return found
+
+
+def test_some_blocks_of_a_brick_have_the_records_of_all(rng: np.random.Generator) -> None:
+    """Bits, though less is prefiltered; nothing is read of bricks without any."""
+    volume = sg.Volume(noise(rng, (41, 26, 37)))
+    bricks = in_bricks(volume, RAMP, ALL, 26)
+    for brick in range(len(bricks.low)):
+        whole = bricks.records(brick)
+        low, high = bricks.low[brick], bricks.high[brick]
+
+        def is_visible(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+            return (low[:, 0] < 20) & (high[:, 2] > 9) & (low[:, 1] + low[:, 2] < 40)
+
+        shown = bricks.shown(brick, is_visible)
+        place = (whole["position"] - low) // bricking.BLOCK
+        some = whole[shown[place[:, 2], place[:, 1], place[:, 0]]]
+        assert shown.shape == tuple(-(-(high - low) // bricking.BLOCK)[::-1]) and (not low[0]) == shown.any()
+        assert bricks.records(brick, shown).tobytes() == some.tobytes()
+        assert len(some) < len(whole)
 
 
 @pytest.mark.parametrize("name", ["outside", "inside", "parallel"])
