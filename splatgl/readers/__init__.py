@@ -227,7 +227,7 @@ def _check_file(path: Path, form: Format, options: LoadOptions) -> None:
     kind = "folder" if path.is_dir() or is_pattern(path) else "file"
     if kind not in form.kinds:
         raise expected("path", f"a {form.title} folder" if "file" not in form.kinds else "a file", f"a {kind}")
-    if kind == "file" and path.stat().st_size == 0:
+    if kind == "file" and path.stat().st_size == 0 and "no bytes" not in form.signatures:
         raise expected("file", "data", "0 bytes", "the file is empty")
     _reject_options(form, options)
 

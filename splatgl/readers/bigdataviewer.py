@@ -22,11 +22,10 @@ from splatgl.data.arrays import ConvertedArray
 from splatgl.data.volume import Lengths, Volume
 from splatgl.errors import expected
 from splatgl.readers.channels import MOST_CHANNELS, Channel, ChannelSet, mark_microscope
-from splatgl.readers.common import decoder_errors, find_data_file
+from splatgl.readers.common import decoder_errors, find_data_file, parse_xml
 from splatgl.readers.hdf5_files import find_node, open_hdf5, read_samples
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import list_series, select_image
-from splatgl.readers.vtk_xml import parse_xml
 
 # most bytes of the XML, and time points
 _MOST_BYTES, _MOST_TIMES = 2**26, 10**6

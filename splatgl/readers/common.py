@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PureWindowsPath
 from typing import IO, Any, BinaryIO
+from xml.etree.ElementTree import XML, Element, TreeBuilder, XMLParser
 
 import numpy as np
 
@@ -325,3 +326,32 @@ def bunzip(path: Path, offset: int, needed: int) -> np.ndarray:
         data = np.frombuffer(bz2.BZ2File(file).read(needed + 1), np.uint8)
     require_bytes(needed, data.size, "inflated data")
     return data
+
+
+# deepest nesting of elements; image files need six
+MAX_DEPTH = 64
+
+
+def parse_xml(text: str | bytes, title: str) -> Element:
+    """The root element of `text`. Raises InputError for damaged XML, for a DOCTYPE, and beyond MAX_DEPTH."""
+    with decoder_errors(title):
+        return XML(text, XMLParser(target=_LimitedBuilder()))
+
+
+class _LimitedBuilder(TreeBuilder):
+    """Builder of elements that raises InputError for a DOCTYPE, and beyond MAX_DEPTH."""
+
+    depth = 0
+
+    def start(self, tag: Any, attrs: dict[Any, str], /) -> Element:
+        self.depth += 1
+        if self.depth > MAX_DEPTH:
+            raise expected("XML", f"at most {MAX_DEPTH} levels of elements", "more", "the file is damaged")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> Element:
+        self.depth -= 1
+        return super().end(tag)
+
+    def doctype(self, *_declaration: object) -> None:
+        raise expected("XML", "no document type", "a DOCTYPE", "remove it")

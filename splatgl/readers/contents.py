@@ -49,11 +49,10 @@ _HDF5, _USER_BLOCKS = b"\x89HDF\r\n\x1a\n", (512, 1024, 2048)
 # elements of VTK's XML files, by the format of the file
 VTK_XML = {
     **dict.fromkeys(("ImageData", "RectilinearGrid"), "VTK grid"),
-    **dict.fromkeys(("PImageData", "PRectilinearGrid"), "VTK pieces"),
-    **dict.fromkeys(("UnstructuredGrid", "StructuredGrid"), "VTK cells"),
-    **dict.fromkeys(("PUnstructuredGrid", "PStructuredGrid"), "VTK pieces of cells"),
-    **dict.fromkeys(("vtkOverlappingAMR", "vtkNonOverlappingAMR", "vtkHierarchicalBoxDataSet"), "VTK AMR"),
-    **dict.fromkeys(("Collection", "vtkMultiBlockDataSet"), "VTK collection"),
+    **dict.fromkeys(("UnstructuredGrid", "StructuredGrid", "PUnstructuredGrid", "PStructuredGrid"), "VTK data"),
+    **dict.fromkeys(("PImageData", "PRectilinearGrid", "vtkMultiBlockDataSet"), "VTK data"),
+    **dict.fromkeys(("vtkOverlappingAMR", "vtkNonOverlappingAMR", "vtkHierarchicalBoxDataSet"), "VTK data"),
+    "Collection": "VTK series",
 }
 _VTK_TYPE = re.compile(rb'<VTKFile[^>]*?\btype\s*=\s*["\'](\w+)')
 _META = re.compile(rb"(?:ObjectType *= *Image|NDims *= *[0-9])")

@@ -22,11 +22,10 @@ import numpy as np
 from splatgl.errors import expected, import_extra
 from splatgl.readers.channels import Channel, parse_window
 from splatgl.readers.chunked import OneFile
-from splatgl.readers.common import MAX_BYTES, decoder_errors, parse_number, require_bytes, require_plausible
+from splatgl.readers.common import MAX_BYTES, decoder_errors, parse_number, parse_xml, require_bytes, require_plausible
 from splatgl.readers.dicom_frames import check_picture
 from splatgl.readers.microscopes import Found, MicroscopeImage, Planes, check_planes, even_spacing, functions_of
 from splatgl.readers.tiff_validation import jpeg_xr_size
-from splatgl.readers.vtk_xml import parse_xml
 
 START = b"ZISRAWFILE"
 # behind a segment's name: bytes reserved and used

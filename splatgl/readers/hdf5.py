@@ -37,7 +37,7 @@ from splatgl.data.arrays import Transposed
 from splatgl.data.times import Times, seconds_in
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, MissingOption, expected, import_extra
-from splatgl.readers import hdf5_layouts
+from splatgl.readers import vtk_files
 from splatgl.readers.channels import (
     COLOR_NOTE,
     MAGNITUDE_NOTE,
@@ -84,16 +84,17 @@ def read(path: Path, options: LoadOptions) -> Volume:
     file = open_hdf5(path)
     # a file's contents are untrusted: any failure is attributed to the file
     with decoder_errors("HDF5"):
-        if find_node(file, hdf5_layouts.ROOT, anywhere=False) is not None and options.array is None:
-            return hdf5_layouts.read_image(path, file, options)
+        vtk = find_node(file, vtk_files.HDF, anywhere=False)
+        if vtk is not None and options.array is None:
+            return vtk_files.read_hdf5(path, file, options)
         if options.array is None:
             nodes = find_datasets(file)
             dataset, notes = choose_dataset(nodes, partial(default_dataset, file))
         else:
             dataset, notes = find_node(file, str(options.array), options.anywhere), ()
             if not hasattr(dataset, "shape") or not has_numbers(dataset):
-                if find_node(file, hdf5_layouts.ROOT, anywhere=False) is not None:
-                    return hdf5_layouts.read_image(path, file, options)
+                if vtk is not None:
+                    return vtk_files.read_hdf5(path, file, options)
                 raise array_error(find_datasets(file), dataset, options)
         return read_dataset(path, dataset, options, notes)
 

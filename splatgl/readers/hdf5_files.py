@@ -178,6 +178,24 @@ def external_error(name: str, where: str) -> InputError:
     return expected(name, "data in this file", f"data elsewhere ({where})", fix)
 
 
+def check_group(file: Any, name: str, anywhere: bool) -> None:
+    """Raises InputError for a group that another library must not read: data in other files, if not `anywhere`, or of
+    implausible sizes, or filters with unbounded results.
+    """
+    import h5py
+
+    def look(below: str, link: Any) -> None:
+        if isinstance(link, h5py.ExternalLink) and not anywhere:
+            raise external_error(f"{name}/{below}", link.filename)
+
+    file[name].visititems_links(look)
+    for dataset in find_datasets(file).values():
+        _check_storage(dataset, anywhere)
+        if not (dataset.external or dataset.is_virtual):
+            needed = byte_count(dataset.shape or (), dataset.dtype)
+            require_plausible(needed, dataset.id.get_storage_size(), bounded=False)
+
+
 # filters by number that come with h5py; those of hdf5plugin, and others that have a name
 _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 4: "szip", 6: "scaleoffset", 32000: "lzf"}
 _PLUGINS = {

@@ -1,10 +1,7 @@
-"""Layouts of HDF5 files: axes by names and attributes, VTK's image data, and Imaris.
+"""Layouts of HDF5 files: axes by names and attributes, and Imaris.
 
 Sources: "NeXus: NXdata" (manual.nexusformat.org); "EMD file format" (emdatasets.com) and emdfile; MATLAB's "MAT-file
 versions" (rows run fastest, which HDF5 lists last); ITK's HDF5ImageIO; EMAN2's and UCSF Chimera's descriptions of HDF5.
-
-Format: "VTKHDF file format", docs.vtk.org. Arrays are [z, y, x] or [z, y, x, components], with time before them if the
-file has steps; a point's index counts from index 0, and Direction is listed row by row.
 
 Layout: "Imaris 5.5 file format", imaris.oxinst.com. Attributes hold numbers as letters; a level's dataset is padded to
 whole chunks, and its group states the image's size. All levels span the box from ExtMin to ExtMax.
@@ -16,19 +13,17 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from splatgl.data.affine import CoordinateGrid, axis_kind, volume_on_grid
-from splatgl.data.times import Times, seconds_in
+from splatgl.data.times import seconds_in
 from splatgl.data.volume import Lengths, Volume
 from splatgl.errors import expected
-from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.channels import Channel, ChannelSet, hex_color, is_color_rule, mark_microscope, parse_window
-from splatgl.readers.common import Shape, convert_words, decoder_errors, grid_shape, parse_number
+from splatgl.readers.common import convert_words, decoder_errors, grid_shape, parse_number
 from splatgl.readers.hdf5_files import (
     attribute_numbers,
     attribute_text,
@@ -39,8 +34,7 @@ from splatgl.readers.hdf5_files import (
     open_hdf5,
     read_samples,
 )
-from splatgl.readers.options import PARAVIEW, LoadOptions
-from splatgl.readers.vtk_legacy import PointArray, count_cells, select_arrays
+from splatgl.readers.options import LoadOptions
 
 # most groups from the root to NeXus' default data; most bytes of Velox' description of an image
 _DEPTH, _MOST_BYTES = 8, 2**20
@@ -224,94 +218,6 @@ def default_dataset(file: Any, names: Sequence[str]) -> str | None:
 
 def _is_signal(dataset: Any) -> bool:
     return "signal" in dataset.attrs or attribute_text(dataset.parent, "signal") == _last_name(dataset)
-
-
-# surfaces in the format
-SURFACE = "it is a surface: save it as .vtp or .stl for --mesh"
-# the group that holds everything
-ROOT = "VTKHDF"
-# most time steps, and arrays of a grid
-_MOST_STEPS, _MOST_ARRAYS = 2**20, 10_000
-
-
-def read_image(path: Path, file: Any, options: LoadOptions) -> Volume:
-    """The volume in an open file; `array` names an array, `time` picks a step, `channel` a component."""
-    root = find_node(file, ROOT, anywhere=False)
-    kind = attribute_text(root, "Type")
-    if kind != "ImageData":
-        raise expected(
-            ROOT,
-            "ImageData",
-            repr(kind),
-            SURFACE if kind == "PolyData" else PARAVIEW,
-        )
-    extent, *stated = (
-        _read_numbers(root, name, default)
-        for name, default in (("WholeExtent", []), ("Direction", np.eye(3)), ("Spacing", [1] * 3), ("Origin", [0] * 3))
-    )
-    if extent.size != 6:
-        raise expected("WholeExtent", "six numbers", extent.size)
-    low = extent[::2]
-    shape = grid_shape([int(end - begin) + 1 for begin, end in zip(low, extent[1::2], strict=True)], "WholeExtent")
-    steps = attribute_numbers(find_node(file, f"{ROOT}/Steps", anywhere=False) or root, "NSteps")
-    timed = steps is not None and steps.size == 1
-    times = int(np.clip(np.nan_to_num(steps[0]), 1, _MOST_STEPS)) if steps is not None and timed else 1
-    values: Any = find_node(file, f"{ROOT}/Steps/Values", options.anywhere) if timed else None
-    has_times = hasattr(values, "shape") and values.shape == (times,) and has_real_numbers(values)
-    moments = Times.of(np.asarray(values[:], np.float64)) if has_times else None
-    direction, spacing, origin = stated
-    matrix = direction.reshape(3, 3) * spacing
-
-    def read_step(_: int | None) -> Volume:
-        time = (options.point) if timed else None
-        points = _find_arrays(path, root, "PointData", shape, time, options)
-        cells = _find_arrays(path, root, "CellData", count_cells(shape), time, options)
-        choice = select_arrays(points, cells, options)
-        return choice.volume(matrix, origin + matrix @ low, shape, "Direction and Spacing")
-
-    return ChannelSet(times=times, moments=moments, components=2**20).volume(options, read_step)
-
-
-def _read_numbers(root: Any, name: str, default: Any) -> np.ndarray:
-    """The numbers of an attribute. Raises InputError for another count than in the default, if that has any."""
-    numbers, standard = attribute_numbers(root, name), np.ravel(np.asarray(default, np.float64))
-    numbers = standard if numbers is None else numbers
-    if standard.size not in (0, numbers.size) or not (np.abs(numbers) < 1e30).all():
-        raise expected(name, f"{standard.size or 6} finite numbers", numbers.size, "the header is damaged")
-    return numbers
-
-
-def _find_arrays(
-    path: Path, root: Any, group: str, shape: Shape, time: int | None, options: LoadOptions
-) -> list[PointArray]:
-    """The arrays of points or of cells that have the grid's shape. time: the step of arrays of several, or None."""
-    owner = find_node(root.file, f"{ROOT}/{group}", anywhere=False)
-    names = list(owner)[:_MOST_ARRAYS] if hasattr(owner, "keys") else []
-    arrays = []
-    for name in names:
-        node = find_node(root.file, f"{ROOT}/{group}/{name}", options.anywhere)
-        if not hasattr(node, "shape") or not has_real_numbers(node):
-            continue
-        sizes = node.shape if time is None else node.shape[1:]
-        if sizes[:3] != shape or len(sizes) > 4 or (time is not None and time >= node.shape[0]):
-            continue
-        components = sizes[3] if len(sizes) == 4 else 1
-        vectors = components == 3 and not (node.dtype == np.uint8 or attribute_text(node, "Attribute") == "Scalars")
-        index: list[int | slice] = [slice(None)] * len(node.shape)
-        if time is not None:
-            index[0] = time
-        read = partial(_read_array, path, node, index, (*shape, components), options)
-        arrays.append(PointArray(name, components, vectors, read, node.dtype))
-    return arrays
-
-
-def _read_array(path: Path, node: Any, index: Sequence[int | slice], shape: Any, options: LoadOptions) -> np.ndarray:
-    """An array [D, H, W, components]; mapped where it is stored in one piece."""
-    samples = read_samples(path, node, index, options.anywhere)
-    if not isinstance(samples, np.ndarray):
-        require_memory(byte_count(shape, node.dtype), node.id.get_storage_size())
-        samples = samples[:]
-    return samples.reshape(shape)
 
 
 # most levels; each has at most half the voxels of the level before

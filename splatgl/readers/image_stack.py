@@ -22,7 +22,7 @@ from splatgl.errors import expected, import_extra, list_names
 from splatgl.fileio import WHOLE_BYTES, byte_count, decode_text, held_within_budget, require_memory
 from splatgl.readers.channels import Channel, ChannelSet, mark_microscope, split_colors
 from splatgl.readers.chunked import Chunked, Stored, file_tag
-from splatgl.readers.common import decoder_errors, parse_number
+from splatgl.readers.common import decoder_errors, parse_number, parse_xml
 from splatgl.readers.dicom_frames import MOST_TILES, picture_size
 from splatgl.readers.heightmap import PICTURES, open_picture
 from splatgl.readers.microscopes import Planes
@@ -40,7 +40,6 @@ from splatgl.readers.tiff import (
 )
 from splatgl.readers.tiff_images import find_calibration, find_pixels
 from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page, jpeg_xl_size
-from splatgl.readers.vtk_xml import parse_xml
 
 # formats of slices by ending
 KINDS = {".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}

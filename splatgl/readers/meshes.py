@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -18,10 +17,12 @@ from splatgl.data.mesh import SIDES, Mesh, ring_points
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_existing
 from splatgl.readers.common import decoder_errors, silence_libraries
+from splatgl.readers.elsewhere import call
 from splatgl.readers.polygons import DEFAULT, Polygons, read_obj, read_off, read_ply_polygons
-from splatgl.readers.vtk_cells import read_cells, read_count, read_points
-from splatgl.readers.vtk_legacy import PointArray
-from splatgl.readers.vtk_xml import VtkXml, parse_vtk, read_arrays
+from splatgl.readers.vtk_arrays import PointArray
+from splatgl.readers.vtk_files import corners, finite_points, list_arrays, open_reader, vtk_errors
+from splatgl.readers.vtk_images import parse_legacy
+from splatgl.readers.vtk_xml import check_xml
 
 # default radius of lines: a share of the diagonal of all lines
 THIN = 1 / 400
@@ -187,29 +188,47 @@ def _make_tubes(lines: list[np.ndarray], radius: float | None) -> Mesh:
     return Mesh.of_lines(lines, radius or size * THIN or 1.0)
 
 
-def _read_vtp(path: Path, radius: float | None, array: str | None) -> Mesh:
-    """Reads all pieces of PolyData: polygons and strips as triangles, lines as tubes, without lone vertices."""
-    file = parse_vtk(path, ("PolyData",))
-    return join_meshes([part for piece in file.root.iter("Piece") for part in _read_piece(file, piece, radius, array)])
+def _read_vtk(path: Path, radius: float | None, array: str | None) -> Mesh:
+    """Reads PolyData of VTK, in another process."""
+    is_xml = path.suffix.lower() != ".vtk"
+    size = check_xml(path, False, ("PolyData", "PPolyData")) if is_xml else path.stat().st_size
+    if not is_xml:
+        parse_legacy(path)
+    mesh: Mesh = call("meshes.read_poly_data", size, path, radius, array)
+    return mesh
 
 
-def _read_piece(file: VtkXml, piece: Element, radius: float | None, array: str | None) -> list[Mesh]:
-    """Triangles and tubes of a piece, with their numbers or colours."""
-    number = read_count(piece, "NumberOfPoints")
-    points = read_points(file, piece, number) if number else np.zeros((0, 3))
-    counts = {name: read_count(piece, f"NumberOf{name}") for name in ("Verts", "Lines", "Polys", "Strips")}
-    none = np.zeros(0, np.int64), np.zeros(0, np.int64)
-    kinds = {name: read_cells(file, piece, name, n, number) if n else none for name, n in counts.items()}
+def read_poly_data(path: Path, radius: float | None, array: str | None) -> Mesh:
+    """The mesh of VTK's PolyData, read in this process: polygons and strips as triangles, lines as tubes, without lone
+    vertices.
+    """
+    with decoder_errors("a mesh"):
+        reader = open_reader(path)
+        with vtk_errors():
+            reader.Update()
+        data = reader.GetOutputDataObject(0)
+        if data is None or not data.IsA("vtkPolyData"):
+            raise expected("type", "PolyData", "nothing" if data is None else data.GetClassName())
+        return join_meshes(_convert_poly_data(data, radius, array) if data.GetNumberOfPoints() else [])
+
+
+def _convert_poly_data(data: Any, radius: float | None, array: str | None) -> list[Mesh]:
+    """Triangles and tubes of a vtkPolyData, with their numbers or colours."""
+    points = finite_points(data)
+    kinds = {
+        name: corners(getattr(data, f"Get{name}")(), name, len(points))
+        for name in ("Verts", "Lines", "Polys", "Strips")
+    }
     # first cell numbers of the kinds, as VTK counts cells
-    starts = dict(zip(kinds, np.cumsum([0, *(len(ends) for _, ends in kinds.values())]).tolist(), strict=False))
-    numbers = select_numbers(file, piece, (len(points), sum(len(ends) for _, ends in kinds.values())), array)
+    starts = dict(zip(kinds, np.cumsum([0, *(len(ends) - 1 for _, ends in kinds.values())]).tolist(), strict=False))
+    numbers = select_numbers(data, array)
     numbers_of, ends = kinds["Polys"]
-    fans, owners = Polygons(points, numbers_of, ends).fans()
-    strips = [np.stack([cell[:-2], cell[1:-1], cell[2:]], axis=1) for cell in np.split(*kinds["Strips"])]
+    fans, owners = Polygons(points, numbers_of, ends[1:]).fans()
+    strips = [np.stack([cell[:-2], cell[1:-1], cell[2:]], axis=1) for cell in _split(*kinds["Strips"])]
     cells = [owners + starts["Polys"]]
     cells += [np.full(len(strip), starts["Strips"] + n) for n, strip in enumerate(strips)]
     surface = Mesh(points, np.concatenate([numbers_of[fans], *strips]))
-    lines = np.split(*kinds["Lines"])
+    lines = _split(*kinds["Lines"])
     tubes = _make_tubes([points[cell] for cell in lines], radius)
     if numbers is not None and numbers.of_cells:
         # triangles of cells share no vertices
@@ -222,6 +241,11 @@ def _read_piece(file: VtkXml, piece: Element, radius: float | None, array: str |
     return [surface, assign_numbers(tubes, numbers, np.repeat(np.concatenate([np.zeros(0, np.int64), *rings]), SIDES))]
 
 
+def _split(numbers: np.ndarray, offsets: np.ndarray) -> list[np.ndarray]:
+    """Point numbers of each cell."""
+    return np.split(numbers, offsets[1:-1]) if len(offsets) > 1 else []
+
+
 # readers by ending
 MESHES: dict[str, Read] = {
     **dict.fromkeys((".stl", ".glb"), _read_triangles),
@@ -229,7 +253,7 @@ MESHES: dict[str, Read] = {
     ".obj": partial(_read_polygons, read_obj),
     ".off": partial(_read_polygons, read_off),
     **dict.fromkeys((".trk", ".tck"), _read_tracks),
-    ".vtp": _read_vtp,
+    **dict.fromkeys((".vtp", ".pvtp", ".vtk"), _read_vtk),
 }
 
 
@@ -237,8 +261,6 @@ MESHES: dict[str, Read] = {
 COORDINATES = ("x", "y", "z", "nx", "ny", "nz", "s", "t", "u", "v", "texture_u", "texture_v", "flags")
 COLORS = ("red", "green", "blue", "alpha", "r", "g", "b", "a")
 PREFERRED = ("quality", "scalar", "value", "intensity")
-# VTK's attributes of arrays that are not drawn as numbers
-DIRECTIONS = ("Normals", "TCoords", "Tangents")
 # start of the names of VTK's internal arrays, such as vtkGhostType
 VTK_PREFIX = "vtk"
 
@@ -253,30 +275,27 @@ class MeshArray:
     of_cells: bool = False
 
 
-def select_numbers(file: VtkXml, piece: Element, counts: tuple[int, int], array: str | None) -> MeshArray | None:
-    """Numbers that colour a piece of VTK's PolyData: the array of that name, else the active array, else the first with
-    one component, of points before cells; None without any. counts: numbers of points and cells.
+def select_numbers(data: Any, array: str | None) -> MeshArray | None:
+    """Numbers that colour a vtkPolyData: the array of that name, else the active array, else the first with one
+    component, of points before cells; None without any.
 
     Vectors give their length; three or four bytes are a colour. Raises InputError for an unknown name.
     """
     arrays: list[tuple[PointArray, bool]] = []
-    active, apart = [], []
-    for name, count in zip(("PointData", "CellData"), counts, strict=True):
-        owner = piece.find(name)
-        if owner is not None and count:
-            arrays += [(item, name == "CellData") for item in read_arrays(file, owner, (1, 1, count))]
-            active.append(owner.get("Scalars"))
-            apart += [owner.get(attribute) for attribute in DIRECTIONS]
+    apart = []
+    for owner, count in (
+        (data.GetPointData(), data.GetNumberOfPoints()),
+        (data.GetCellData(), data.GetNumberOfCells()),
+    ):
+        arrays += [(item, owner is not data.GetPointData()) for item in list_arrays(owner, (1, 1, count))]
+        apart += [item.GetName() for item in (owner.GetNormals(), owner.GetTCoords(), owner.GetTangents()) if item]
     if array is not None:
         chosen = next((item for item in arrays if item[0].name == array), None)
         if chosen is None:
             raise expected("array", f"one of {', '.join(item.name for item, _ in arrays) or 'none'}", repr(array))
     else:
         shown = [item for item in arrays if item[0].name not in apart and not item[0].name.startswith(VTK_PREFIX)]
-        order = [
-            *(item for name in active if name for item in shown if item[0].name == name),
-            *(item for item in shown if item[0].components == 1),
-        ]
+        order = [item for item in shown if item[0].active] + [item for item in shown if item[0].components == 1]
         chosen = next(iter(order), None)
     if chosen is None:
         return None

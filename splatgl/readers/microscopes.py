@@ -22,10 +22,9 @@ from splatgl.errors import expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, held_within_budget, require_memory
 from splatgl.readers.channels import Channel, ChannelSet, hex_color, mark_microscope, split_colors
 from splatgl.readers.chunked import Chunked, OneFile
-from splatgl.readers.common import MAX_BYTES, decoder_errors, parse_number, require_bytes, require_plausible
+from splatgl.readers.common import MAX_BYTES, decoder_errors, parse_number, parse_xml, require_bytes, require_plausible
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import list_series, select_image
-from splatgl.readers.vtk_xml import parse_xml
 
 # order of the axes of an image; other axes precede them
 ORDER = "TCZYXS"

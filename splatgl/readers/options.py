@@ -21,6 +21,9 @@ from splatgl.readers.contents import FIXES, OTHER_GZIP, PACKINGS
 # endings of files that hold named datasets
 HDF5 = (".h5", ".hdf5", ".he5", ".hdf", ".nc", ".nc4", ".emd", ".nxs", ".mat", ".vtkhdf", ".cmap")
 
+# endings of VTK's grids of cells, pieces, blocks and AMR
+VTK_DATA = (".vtu", ".vts", ".pvti", ".pvtr", ".pvtu", ".pvts", ".vtm", ".vthb", ".vth")
+
 _INSIDE = re.compile(rf"(?is)(.+(?:{'|'.join(map(re.escape, HDF5))})):([/\\].+)")
 
 _FIJI = "save it as TIFF with Fiji (Bio-Formats)"
@@ -331,9 +334,10 @@ class Format:
     any. reader: returns the volume of a path and `LoadOptions`. own: dataclass of options, fields by `option`, that no
     other format has; the reader gets an instance of it as a third argument.
 
-    signatures: kinds of contents (contents.py) next to the title; "?" bytes of no known kind, "*" any bytes. kinds: a
-    volume is a "file", a "folder", or either. detect: function of a path (module.function) that recognizes the format
-    by the contents of a file or folder. list_volumes: function that returns a line for each volume in it.
+    signatures: kinds of contents (contents.py) next to the title; "?" bytes of no known kind, "*" any bytes, "no bytes"
+    none. kinds: a volume is a "file", a "folder", or either. detect: function of a path (module.function) that
+    recognizes the format by the contents of a file or folder. list_volumes: function that returns a line for each
+    volume in it.
     """
 
     title: str
@@ -370,6 +374,8 @@ _HDF5 = ("array", "channel", "time", "anywhere")
 _TIFF = ("array", "channel", "level", "time", "series")
 _MICROSCOPE = ("array", "channel", "time", "series")
 
+_VTK = ("array", "channel", "time", "anywhere")
+
 # all formats; each but points takes `spacing` and `values` too
 FORMATS = (
     Format("NumPy", (".npy",), "raw.read_npy", ("channel",)),
@@ -389,19 +395,10 @@ FORMATS = (
     Format("MGH, gzipped", (".mgz",), "nifti.read_mgh", ("array",), ("gzip",)),
     Format("TIFF", (".tif", ".tiff", ".lsm"), "tiff.read", (*_TIFF, *_TERRAIN), list_volumes="tiff.list_images"),
     Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "time", "anywhere"), ("?",)),
-    Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
-    Format("VTK grid", (".vti", ".vtr"), "vtk_xml.read", ("array", "channel"), ("XML",)),
-    Format("VTK pieces", (".pvti", ".pvtr"), "vtk_xml.read_parallel", ("array", "channel", "anywhere"), ("XML",)),
-    Format("VTK cells", (".vtu", ".vts"), "vtk_cells.read", ("array", "channel"), ("XML",)),
-    Format("VTK pieces of cells", (".pvtu", ".pvts"), "vtk_cells.read", ("array", "channel", "anywhere"), ("XML",)),
-    Format("VTK AMR", (".vthb", ".vth"), "vtk_cells.read_amr", ("array", "channel", "anywhere"), ("XML",)),
-    Format(
-        "VTK collection",
-        (".pvd", ".vtm"),
-        "vtk_cells.read_collection",
-        ("array", "channel", "time", "anywhere"),
-        ("XML",),
-    ),
+    Format("legacy VTK", (".vtk",), "vtk_images.read_legacy", ("array", "channel")),
+    Format("VTK grid", (".vti", ".vtr"), "vtk_images.read", ("array", "channel"), ("XML",)),
+    Format("VTK data", (*VTK_DATA,), "vtk_files.read", (*_VTK,), ("XML",)),
+    Format("VTK series", (".pvd",), "vtk_images.read_series", (*_VTK,), ("XML",)),
     Format("MRC", (".mrc", ".map", ".rec", ".ccp4"), "mrc.read", ("array",), ("?",)),
     Format(
         "MRC, compressed", (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2"), "mrc.read", ("array",), ("gzip", "bzip2")
@@ -460,4 +457,12 @@ FORMATS = (
     ),
     Format("height picture", (".png", ".jpg", ".jpeg", ".bmp"), "heightmap.read_picture", _TERRAIN, _PICTURES),
     Format("height table", (".csv",), "heightmap.read_csv", _TERRAIN, ("?",)),
+    # last, as most are told by their endings alone
+    Format(
+        "simulation",
+        (".foam", ".xdmf", ".xmf", ".case", ".encas", ".exo", ".ex2", ".exii", ".cgns"),
+        "vtk_files.read_with_pyvista",
+        ("array", "channel", "time"),
+        ("?", "XML", "HDF5", "NetCDF-3", "no bytes"),
+    ),
 )

@@ -24,7 +24,14 @@ from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, held_within_budget, require_memory
 from splatgl.readers.channels import MAGNITUDE_NOTE, magnitudes, mark_microscope, split_colors
 from splatgl.readers.chunked import Chunked, OneFile, TransposedChunks
-from splatgl.readers.common import decoder_errors, find_data_file, map_array, require_bytes, require_plausible
+from splatgl.readers.common import (
+    decoder_errors,
+    find_data_file,
+    map_array,
+    parse_xml,
+    require_bytes,
+    require_plausible,
+)
 from splatgl.readers.heightmap import HEIGHTS, HeightMetadata, classify_picture, grey_heights, make_plane, make_terrain
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import (
@@ -39,7 +46,6 @@ from splatgl.readers.tiff_images import (
     select_image,
 )
 from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page
-from splatgl.readers.vtk_xml import parse_xml
 
 # planes that metadata may state beyond the file's pages, as aborted recordings do; missing planes are read as 0
 _FREE_PLANES, _PLANES_PER_PAGE = 4096, 64

@@ -16,10 +16,9 @@ from splatgl.data.times import seconds_in
 from splatgl.errors import expected, list_names
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.channels import Channel, ChannelSet, hex_color, parse_window
-from splatgl.readers.common import parse_number
+from splatgl.readers.common import parse_number, parse_xml
 from splatgl.readers.heightmap import DEGREE, HeightMetadata
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.vtk_xml import parse_xml
 
 Coefficients = Sequence[float]
 

@@ -156,7 +156,11 @@ def vtk_cells() -> list[Seed]:
         )
         seeds.append(one("a.vtu", text.encode()))
     pieces = {f"{n}.vtu": seed.files["a.vtu"] for n, seed in enumerate(seeds)}
-    listed = "".join(f'<Piece Source="{name}"/>' for name in pieces)
+    listed = (
+        '<PPointData><PDataArray type="Float32" Name="s"/></PPointData><PCellData><PDataArray type="Int32" Name="c"/>'
+    )
+    listed += '</PCellData><PPoints><PDataArray type="Float64" NumberOfComponents="3" Name="Points"/></PPoints>'
+    listed += "".join(f'<Piece Source="{name}"/>' for name in pieces)
     parent = f'<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid>{listed}</PUnstructuredGrid></VTKFile>'
     seeds.append(Seed("a.pvtu", {"a.pvtu": parent.encode(), **pieces}))
     curved = (
@@ -173,7 +177,11 @@ def vtk_cells() -> list[Seed]:
             f'Origin="{" ".join(map(str, start))}"><Piece Extent="{extent}"><CellData>'
             f"{array('d', 'Float32', np.arange(count**3))}</CellData></Piece></ImageData></VTKFile>"
         ).encode()
-    levels = "".join(f'<Block level="{n}"><DataSet index="0" file="{n}.vti"/></Block>' for n in range(2))
-    head = '<VTKFile type="vtkOverlappingAMR" version="1.1"><vtkOverlappingAMR origin="0 0 0">'
+    boxes = ("0 3 0 3 0 3", "2 4 2 4 2 4")
+    levels = "".join(
+        f'<Block level="{n}" spacing="{f"{1 / 2**n} " * 3}"><DataSet index="0" amr_box="{box}" file="{n}.vti"/></Block>'
+        for n, box in enumerate(boxes)
+    )
+    head = '<VTKFile type="vtkOverlappingAMR" version="1.1"><vtkOverlappingAMR origin="0 0 0" grid_description="XYZ">'
     index = f"{head}{levels}</vtkOverlappingAMR></VTKFile>".encode()
     return [*seeds, Seed("a.vthb", {"a.vthb": index, **blocks})]

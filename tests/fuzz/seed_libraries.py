@@ -255,9 +255,12 @@ def vtk_grids() -> list[Seed]:
     left, right = _vtr(0, 4), _vtr(4, Z - 1)
     pieces = "".join(f'<Piece Extent="2 {X + 1} 0 {Y - 1} {z}" Source="{n}.vtr"/>' for n, z in ((1, "0 4"), (2, "4 5")))
     whole = f' WholeExtent="2 {X + 1} 0 {Y - 1} 0 {Z - 1}" GhostLevel="0"'
-    parent = LIST.format(kind="PRectilinearGrid", more=whole, entries=pieces).encode()
+    arrays = '<PCellData><PDataArray type="Float32" Name="cells"/></PCellData><PPointData><PDataArray type="UInt8" '
+    arrays += 'Name="density"/></PPointData><PCoordinates>'
+    arrays += '<PDataArray type="Float64" Name="c"/>' * 3 + "</PCoordinates>"
+    parent = LIST.format(kind="PRectilinearGrid", more=whole, entries=arrays + pieces).encode()
     steps = '<DataSet timestep="0.5" part="0" file="1.vtr"/>'
-    blocks = '<Block index="0"><DataSet index="0" name="one" file="1.vtr"/></Block><DataSet file="x.vtp"/>'
+    blocks = '<Block index="0"><DataSet index="0" name="one" file="1.vtr"/></Block>'
     files = {"1.vtr": left, "2.vtr": right}
     return [
         one("a.vtr", _vtr(0, Z - 1)),

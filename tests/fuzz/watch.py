@@ -20,7 +20,7 @@ import splatgl as sg
 from splatgl.cli.volume_info import describe
 from splatgl.data.volume import Volume
 from splatgl.errors import MissingOption
-from splatgl.readers import hdf5_files, list_volumes, tiff_validation
+from splatgl.readers import elsewhere, hdf5_files, list_volumes, tiff_validation
 from splatgl.scene.scene_file import SceneFile
 
 TOUCH = 2**22
@@ -32,6 +32,9 @@ FEW = 8
 EVERY, GROWTH = 500, 48 * 2**20
 """Files between two looks at memory, and bytes that it may grow by beyond what the first of these took."""
 
+
+LONG = 10.0
+"""Most seconds that VTK may read a file."""
 
 LOOK = 3
 """Most seconds of processor time of a look elsewhere."""
@@ -96,10 +99,10 @@ class Watch:
         self.files += 1
         # 1. handles, maps, processes and temporary files: rings of references are freed by the collector
         held = self._held()
-        if held != self.base:
+        if self._exceeds(held):
             gc.collect()
             held = self._held()
-        if held != self.base:
+        if self._exceeds(held):
             said, self.base = f"handles, maps, processes, temporary files: {self.base} before, {held} after", held
             return said
         # 2. memory
@@ -121,6 +124,10 @@ class Watch:
         gc.collect()
         ctypes.CDLL(None).malloc_trim(0)
         return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+
+    def _exceeds(self, held: tuple[int, ...]) -> bool:
+        """Whether more is held than before: a process that reads files may have ended."""
+        return any(now > before for now, before in zip(held, self.base, strict=True))
 
     def _held(self) -> tuple[int, int, int, int]:
         maps = Path("/proc/self/maps").read_text().count(f"{self.folder}/")
@@ -148,6 +155,8 @@ def quick_looks(reader: str, names: Sequence[str]) -> None:
 
         module, script = hdf5_files, hdf5_files._PROBE.read_text(encoding="utf-8")
     else:
+        # of VTK's readers, which have a process of their own
+        elsewhere.SECONDS = LONG
         return
     ours, theirs = os.pipe()
     answers, answer = os.pipe()

@@ -57,7 +57,7 @@ BAD = [
     ("a.mha", b"some other text\n", "is this a MetaImage file"),
     ("a.vtk", b"some other text\n", "expected legacy VTK, as the name says, got text"),
     ("a.vti", b"<?xml version='1.0'?><svg/>", "expected a VTKFile of ImageData or RectilinearGrid, got svg"),
-    ("a.vti", BAD_VTI.encode(), "compressor: expected zlib, LZ4, LZMA or none, got lz4"),
+    ("a.vti", BAD_VTI.encode(), "cannot be read by VTK: Error creating lz4"),
     ("a.csv", b"1,2\n3,four\n", "table: expected heights, a row in each line, got 'four'"),
     ("a.png", PNG, "cannot be read as a picture"),
     ("a.npz", b"PK\x03\x04" + bytes(40), "expected NumPy archive, as the name says, got ZIP"),
@@ -101,7 +101,7 @@ BAD = [
     (
         "a.vtk",
         vtk("5 7 4", 140, bytes(140), dataset="POLYDATA"),
-        "expected STRUCTURED_POINTS or RECTILINEAR_GRID, got POLYDATA",
+        "DATASET: expected a grid, got POLYDATA; it is a surface",
     ),
     # data outside the header's folder
     ("a.nhdr", nrrd(more="data file: /etc/hostname\n"), "a name inside the header's folder"),

@@ -262,12 +262,13 @@ def test_steps_and_names_of_vtkhdf(tmp_path: Path) -> None:
         del file["VTKHDF/PointData/a"]
         file["VTKHDF/PointData/a"], file["VTKHDF/PointData/b"] = np.stack([F, F + 1]), np.stack([F + 2, F + 3])
         file.create_group("VTKHDF/Steps").attrs["NSteps"] = 2
+        file["VTKHDF/Steps/Values"] = [0.5, 2.0]
     assert load(path).times == 2 and "array a of 2 is rendered" in load(path).notes[0]
     np.testing.assert_array_equal(load(path, array="b", time=1).samples, F + 3)
     np.testing.assert_array_equal(load(path, array="/VTKHDF/PointData/a", channel=1).samples, F + 1)
     with h5py.File(path, "a") as file:
         file["VTKHDF"].attrs["Type"] = np.bytes_("PolyData")
-    with pytest.raises(InputError, match="expected ImageData, got 'PolyData'"):
+    with pytest.raises(InputError, match="cannot be read by VTK"):
         load(path)
 
 

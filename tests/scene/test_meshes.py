@@ -244,7 +244,7 @@ def test_vtk_files(tmp_path: Path) -> None:
     found = sg.load_mesh(path, radius=0.5)
     assert len(found) == 2 * (2 + 1 + 2 + 16)
     assert found.faces.max() == len(found.vertices) - 1 and len(found.vertices) == 2 * (5 + 16)
-    assert np.isclose(np.ptp(found.vertices[5:21, :2], axis=0), 1.0).all()
+    assert np.isclose(np.ptp(found.vertices[10:26, :2], axis=0), 1.0).all()
     path.write_text(head + piece.replace("0 1 2 3 0 1 4", "0 1 2 3 0 1 9") + "</PolyData></VTKFile>")
     with pytest.raises(InputError, match=r"a\.vtp: Polys: expected numbers of 5 points, got 0 to 9"):
         sg.load_mesh(path)
