@@ -25,8 +25,8 @@ Unpack = Callable[[bytes], bytes]
 class Seed:
     """A valid file: the name to load, and all files by name, the header first.
 
-    kind: volume, scene or transfer. name_matters: the name states sizes. unpack, pack: decompress and compress the
-    first file's content, so that mutations reach beyond its checksum.
+    kind: volume, mesh, scene or transfer. name_matters: the name states sizes. unpack, pack: decompress and compress
+    the first file's content, so that mutations reach beyond its checksum.
     """
 
     main: str

@@ -110,9 +110,11 @@ def hdf5_layouts() -> list[Seed]:
             group = file.create_group("VTKHDF")
             group.attrs["Type"], group.attrs["WholeExtent"] = np.bytes_("ImageData"), [0, X - 1, 0, Y - 1, 0, Z - 1]
             group.attrs["Spacing"], group.attrs["Origin"] = (0.5, 1, 2.0), (1.0, 2, 3)
-            group.attrs["Direction"] = np.eye(3).ravel()
-            group["PointData/a"], group["PointData/flow"] = CUBE[None], np.stack([CUBE] * 3, -1)[None].astype("f4")
-            group.create_group("Steps").attrs["NSteps"] = 1
+            group.attrs["Direction"], group.attrs["Version"] = np.eye(3).ravel(), [2, 0]
+            flow = np.stack([CUBE] * 3, -1).astype("f4")
+            group["PointData/a"], group["PointData/flow"] = np.stack([CUBE] * 2), np.stack([flow] * 2)
+            group.create_group("Steps").attrs["NSteps"] = 2
+            group["Steps/Values"] = [0.5, 1.0]
 
     def itk(path: Path) -> None:
         with h5py.File(path, "w") as file:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -93,6 +94,49 @@ def write_vtk(path: Path, mode: str, bits_only: bool = False) -> None:
 def vtk_bits() -> list[Seed]:
     modes = [written("a.vti", partial(write_vti, mode=mode)) for mode in ("Ascii", "Binary", "Appended")]
     return [*modes, *(written("a.vtk", partial(write_vtk, mode=mode)) for mode in ("ASCII", "Binary"))]
+
+
+def vtk_written() -> list[Seed]:
+    """Cells in XML, plain and packed, and in legacy files of both versions, as VTK writes them."""
+    import vtk
+
+    append = vtk.vtkAppendFilter()
+    append.AddInputData(vtk_image())
+    append.Update()
+
+    def write(path: Path, mode: str, version: int = 0, packed: bool = False) -> None:
+        is_legacy = path.suffix == ".vtk"
+        writer = vtk.vtkUnstructuredGridWriter() if is_legacy else vtk.vtkXMLUnstructuredGridWriter()
+        writer.SetFileName(str(path))
+        writer.SetInputData(append.GetOutput())
+        getattr(writer, f"Set{'FileType' if is_legacy else 'DataMode'}To{mode}")()
+        if is_legacy:
+            writer.SetFileVersion(version)
+        else:
+            writer.SetCompressorTypeToZLib() if packed else writer.SetCompressorTypeToNone()
+            writer.SetEncodeAppendedData(packed)
+        writer.Write()
+
+    legacy = [written("a.vtk", partial(write, mode=mode, version=n)) for mode in ("ASCII", "Binary") for n in (42, 51)]
+    return [*legacy, *(written("a.vtu", partial(write, mode="Appended", packed=packed)) for packed in (False, True))]
+
+
+def vtk_surface() -> list[Seed]:
+    """PolyData in XML and legacy files."""
+    import vtk
+
+    source = vtk.vtkSphereSource()
+    source.Update()
+
+    def write(path: Path, mode: str) -> None:
+        writer = vtk.vtkPolyDataWriter() if path.suffix == ".vtk" else vtk.vtkXMLPolyDataWriter()
+        writer.SetFileName(str(path))
+        writer.SetInputData(source.GetOutput())
+        getattr(writer, f"Set{'FileType' if path.suffix == '.vtk' else 'DataMode'}To{mode}")()
+        writer.Write()
+
+    names = (("a.vtp", "Ascii"), ("a.vtp", "Appended"), ("a.vtk", "ASCII"), ("a.vtk", "Binary"))
+    return [replace(written(name, partial(write, mode=mode)), kind="mesh") for name, mode in names]
 
 
 NRRD_LIST = f"NRRD0005\ntype: uchar\ndimension: 3\nsizes: {X} {Y} {Z}\nencoding: raw\ndata file: "

@@ -41,7 +41,7 @@ from tests.fuzz.seed_libraries import (
     points,
     vtk_grids,
 )
-from tests.fuzz.seed_neuro import afni, minc1, minc2, nrrd_list, parrec, vtk_bits
+from tests.fuzz.seed_neuro import afni, minc1, minc2, nrrd_list, parrec, vtk_bits, vtk_surface, vtk_written
 from tests.fuzz.seed_pictures import lsm, slices, tiff_codecs, tiff_xr, zarr_zip
 from tests.fuzz.seed_segments import dicom_segments, dicom_words
 
@@ -370,6 +370,8 @@ _ALL: dict[str, Callable[[], list[Seed]]] = {
     "nrrd-components": nrrd_components,
     "vtk-grids": vtk_grids,
     "vtk-cells": vtk_cells,
+    "vtk-written": vtk_written,
+    "vtk-surface": vtk_surface,
     "labels": labels,
     "points": points,
     "vtk-ascii": partial(vtk_legacy, "ASCII"),

@@ -54,6 +54,9 @@ def read(path: Path, kind: str) -> None:
     if kind == "scene":
         _touch(SceneFile.from_toml(path).open())
         return
+    if kind == "mesh":
+        float(np.sum(sg.load_mesh(path).vertices))
+        return
     list_volumes(path)
     given: dict[str, object] = {}
     try:
