@@ -9,13 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import describe_error
+from splatgl.data.affine import describe_error, interpolate_grid
 from splatgl.data.times import Times
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import InputError, expected, import_extra, list_names
@@ -26,14 +26,14 @@ from splatgl.readers.elsewhere import call
 from splatgl.readers.hdf5_files import check_group
 from splatgl.readers.options import SURFACE, LoadOptions
 from splatgl.readers.vtk_arrays import MARKS, PointArray, Selection, count_cells, select_arrays
-from splatgl.readers.vtk_xml import check_xml
+from splatgl.readers.vtk_xml import check_xml, parse_vtk, spell_numbers
 
 # most voxels: so many per cell, but at least and at most these numbers, within the memory of so many bytes per voxel
 _MOST_FINER, _FREE_VOXELS, _MOST_VOXELS, _VOXEL_BYTES = 64, 2**15, 2**24, 64
 # largest coordinate
 _MOST_PLACE = 1e30
-# bits of VTK's marks of cells that another piece or a finer level has, too
-_COVERED = 1 | 8
+# bit of VTK's marks of cells that another piece has, too
+_TWICE = 1
 # first kind of cells without a fixed number of points, and polyhedra
 _FREE, _POLYHEDRON = 41, 42
 _GRIDS = ("vtkImageData", "vtkRectilinearGrid", "vtkStructuredGrid", "vtkUnstructuredGrid", "vtkExplicitStructuredGrid")
@@ -101,15 +101,21 @@ def open_reader(path: Path, with_pyvista: bool = False) -> Any:
             return pyvista.get_reader(str(path)).reader
     with path.open("rb") as file:
         head = file.read(1024)
+    text = None
     if head.lstrip()[:1] == b"<":
         module, name = "vtkIOXML", "vtkXMLGenericDataObjectReader"
         if re.search(rb"type=.vtk\w*(AMR|HierarchicalBox)", head):
             name = "vtkXMLUniformGridAMRReader"
+        elif text := spell_numbers(path):
+            name = f"vtkXML{parse_vtk(path, ()).kind}Reader"
     else:
         is_legacy = head.lower().startswith(b"# vtk")
         module, name = ("vtkIOLegacy", "vtkGenericDataObjectReader") if is_legacy else ("vtkIOHDF", "vtkHDFReader")
     reader = getattr(import_extra(f"vtkmodules.{module}", "grids of cells and blocks", "vtk", "vtk"), name)()
     reader.SetFileName(str(path))
+    if text:
+        reader.ReadFromInputStringOn()
+        reader.SetInputString(text.decode())
     if "AMR" in name:
         # all levels
         reader.SetMaximumLevelsToReadByDefault(0)
@@ -154,7 +160,7 @@ def _convert(data: Any, options: LoadOptions) -> Volume:
         is_surface = any(leaf.IsA("vtkPolyData") for _, leaf in every)
         raise expected("data", "cells", "a surface" if is_surface else "none", SURFACE if is_surface else "")
     if data.IsA("vtkUniformGridAMR"):
-        return _resample(data, [leaf for _, leaf in entries], options)
+        return _resample_amr([leaf for _, leaf in entries], options)
     if data.IsA("vtkPartitionedDataSet") and len(entries) > 1:
         from vtkmodules.vtkFiltersCore import vtkAppendFilter
 
@@ -169,7 +175,7 @@ def _convert(data: Any, options: LoadOptions) -> Volume:
     options = replace(options, array=array)
     if leaf.IsA("vtkImageData") or leaf.IsA("vtkRectilinearGrid"):
         return _convert_even(leaf, options)
-    return _resample(leaf, [leaf], options)
+    return _resample(leaf, options)
 
 
 def _convert_even(data: Any, options: LoadOptions) -> Volume:
@@ -214,52 +220,107 @@ def list_arrays(attributes: Any, shape: Shape) -> list[PointArray]:
 # --- grids of cells ---------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Part:
-    """Cells of a leaf: the selected array; the smallest cell's sizes; the box; values at places [N, 3]."""
+def _resample(grid: Any, options: LoadOptions) -> Volume:
+    """The volume of a grid of cells, whose arrays are replaced: voxels of the smallest cell's size, valued by VTK."""
+    from vtkmodules.vtkFiltersCore import vtkCellCenters
 
-    choice: Selection
-    cells: int
-    smallest: np.ndarray
-    box: np.ndarray
-    places: np.ndarray
-    values: np.ndarray
-
-
-def _resample(data: Any, grids: list[Any], options: LoadOptions) -> Volume:
-    """The volume of a grid of cells, or of AMR. grids: the leaves of `data`, whose arrays are replaced."""
-    is_amr = data.IsA("vtkUniformGridAMR")
-    solids, parts = [], []
-    for grid in grids:
-        choice = _keep_selected(grid, options)
-        solids.append(_solid(grid))
-        parts.append(_measure(solids[-1], choice))
-    choice = parts[0].choice
-    kinds = {(part.choice.of_cells, part.choice.vectors is None) for part in parts}
-    if len(kinds) > 1:
-        raise expected("blocks", "one array in all of them", "different arrays", "name one with array=NAME")
-    # 1. the even grid: voxels of the smallest cell's size, at cells' centres or at AMR's points
-    low, high = np.min([part.box[0] for part in parts], axis=0), np.max([part.box[1] for part in parts], axis=0)
-    smallest = min((part.smallest for part in parts), key=np.prod)
-    if (high <= low).any():
+    choice = _keep_selected(grid, options)
+    grid = _solid(grid)
+    points, count = finite_points(grid), grid.GetNumberOfCells()
+    # 1. the even grid
+    numbers, offsets = corners(grid.GetCells(), "Cells", len(points))
+    ends = points[numbers]
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    extents = np.maximum.reduceat(ends, offsets[:-1]) - np.minimum.reduceat(ends, offsets[:-1])
+    del ends
+    sizes = np.where((extents > 0).all(axis=1), extents.prod(axis=1), np.inf)
+    if not np.isfinite(sizes).any():
         raise expected("cells", "some with a volume", "flat ones", SURFACE)
-    voxels = even_counts(high - low, smallest, sum(part.cells for part in parts))
-    step, shift = (high - low) / voxels, 0.0 if is_amr and not choice.of_cells else 0.5
-    voxels, start = voxels + (not shift), low + shift * step
-    # 2. the values there, by VTK, and at the file's own points
-    samples, vectors = _probe(data if is_amr else solids[0], (start, step, voxels), choice.vectors is not None)
-    values = np.concatenate([part.values for part in parts])
-    places = np.concatenate([part.places for part in parts])
-    back = _trilinear(samples, ((places - start) / step)[:, ::-1])
-    size = "×".join(map(str, voxels))
-    what = f"{len(grids)} blocks" if is_amr else f"{parts[0].cells} cells"
-    if is_amr:
-        what += f" of {data.GetNumberOfLevels()} levels"
-    note = f"{what}, resampled to {size} voxels; {describe_error(back, values)}"
-    about = choice.about | {"notes": (note, *choice.about["notes"])}
-    dtype = choice.samples.dtype if is_amr and not np.isnan(samples).any() else np.dtype(np.float32)
-    spacing, origin = triple(step, "cells"), triple(start, "cells")
-    return Volume(samples.astype(dtype), spacing, origin, vectors=vectors, **about)
+    voxels = even_counts(high - low, extents[sizes.argmin()], count)
+    step = (high - low) / voxels
+    # 2. the values there, and at the file's own points
+    samples, vectors = _probe(grid, (low + step / 2, step, voxels), choice.vectors is not None)
+    if choice.of_cells:
+        centers = vtkCellCenters()
+        centers.SetInputData(grid)
+        centers.VertexCellsOff()
+        centers.Update()
+        points = finite_points(centers.GetOutput())
+    owner = grid.GetCellData() if choice.of_cells else grid.GetPointData()
+    back = _trilinear(samples, ((points - low) / step - 0.5)[:, ::-1])
+    error = describe_error(back, _numbers(owner.GetArray("values")))
+    return _volume(samples, choice, (low + step / 2, step), f"{count} cells", error, vectors)
+
+
+def _volume(
+    samples: np.ndarray,
+    choice: Selection,
+    grid: tuple[np.ndarray, np.ndarray],
+    what: str,
+    error: str,
+    vectors: np.ndarray | None = None,
+) -> Volume:
+    """The volume of resampled values on a grid (origin, step), with a note on what was resampled."""
+    size = "×".join(map(str, samples.shape[::-1]))
+    about = choice.about | {"notes": (f"{what}, resampled to {size} voxels; {error}", *choice.about["notes"])}
+    return Volume(samples, triple(grid[1], "cells"), triple(grid[0], "cells"), vectors=vectors, **about)
+
+
+def _resample_amr(blocks: list[Any], options: LoadOptions) -> Volume:
+    """The volume of AMR: each voxel has the value of the finest block there, of the cell or linear between points.
+    blocks: coarse ones first.
+    """
+    shapes = [block.GetDimensions()[::-1] for block in blocks]
+    choices = [
+        select_arrays(
+            list_arrays(block.GetPointData(), shape), list_arrays(block.GetCellData(), count_cells(shape)), options
+        )
+        for block, shape in zip(blocks, shapes, strict=True)
+    ]
+    choice = choices[0]
+    if len({each.of_cells for each in choices}) > 1:
+        raise expected("blocks", "one array in all of them", "different arrays", "name one with array=NAME")
+    # 1. steps, corners and first samples of the blocks, x, y, z, and the even grid
+    steps = np.array([block.GetSpacing() for block in blocks])
+    lows = np.array([block.GetOrigin() for block in blocks]) + steps * [block.GetExtent()[::2] for block in blocks]
+    if not (steps > 0).all() or not (np.abs([steps, lows]) < _MOST_PLACE).all():
+        raise expected("blocks", "positive steps and finite places", "others", "the file is damaged")
+    highs = lows + steps * [np.maximum(np.subtract(shape[::-1], 1), 1) for shape in shapes]
+    firsts, low, high = lows + steps / 2 * choice.of_cells, lows.min(axis=0), highs.max(axis=0)
+    voxels = even_counts(high - low, steps.min(axis=0), sum(each.samples.size for each in choices))
+    step = (high - low) / voxels
+    voxels, start = voxels + (not choice.of_cells), low + step / 2 * choice.of_cells
+    kinds = {each.samples.dtype for each in choices}
+    wide = np.dtype(np.float64 if any(kind.itemsize > 4 for kind in kinds) else np.float32)
+    samples, owner = np.full(tuple(voxels[::-1]), np.nan, wide), np.full(tuple(voxels[::-1]), -1.0)
+    for n, each in enumerate(choices):
+        box, indices = [], []
+        for axis in (2, 1, 0):
+            # voxels whose places lie in the block, but for rounding
+            begin = np.ceil((lows[n, axis] - start[axis]) / step[axis] - 1e-6)
+            end = np.floor((highs[n, axis] - start[axis]) / step[axis] + 1e-6) + 1
+            box.append(slice(*np.clip([begin, max(begin, end)], 0, voxels[axis]).astype(int).tolist()))
+            places = start[axis] + step[axis] * np.arange(box[-1].start, box[-1].stop)
+            at = (places - firsts[n, axis]) / steps[n, axis]
+            at = np.clip(np.rint(at + 1e-9) if choice.of_cells else at, 0, each.samples.shape[2 - axis] - 1)
+            indices.append(at)
+        samples[tuple(box)], owner[tuple(box)] = interpolate_grid(each.samples, indices), steps[n].prod()
+    # 2. the error at the points of each block that no finer one covers
+    stored, back = [], []
+    for n, each in enumerate(choices):
+        places = [firsts[n, axis] + steps[n, axis] * np.arange(each.samples.shape[2 - axis]) for axis in (2, 1, 0)]
+        indices = [
+            np.clip((place - start[axis]) / step[axis], 0, voxels[axis] - 1)
+            for place, axis in zip(places, (2, 1, 0), strict=True)
+        ]
+        seen = owner[np.ix_(*(np.rint(at).astype(int) for at in indices))] == steps[n].prod()
+        stored.append(each.samples[seen].astype(np.float64))
+        back.append(interpolate_grid(samples, indices)[seen])
+    if len(kinds) == 1 and not np.isnan(samples).any():
+        samples = samples.astype(kinds.pop().newbyteorder("="))
+    what = f"{len(blocks)} blocks of {len(np.unique(steps.prod(axis=1)))} levels"
+    error = describe_error(np.concatenate(back), np.concatenate(stored))
+    return _volume(samples, choice, (start, step), what, error)
 
 
 def _keep_selected(grid: Any, options: LoadOptions) -> Selection:
@@ -285,7 +346,7 @@ def _keep_selected(grid: Any, options: LoadOptions) -> Selection:
 
 
 def _solid(data: Any) -> Any:
-    """The cells of a grid with three dimensions that no other piece or finer level has, a vtkUnstructuredGrid. Raises
+    """The cells of a grid with three dimensions that no other piece has, a vtkUnstructuredGrid. Raises
     InputError for numbers that are no points, and for unknown cells.
     """
     from vtkmodules.vtkCommonDataModel import vtkGenericCell
@@ -315,7 +376,7 @@ def _solid(data: Any) -> Any:
     ):
         raise expected("types", "polyhedra with faces", "none", "the file may be damaged")
     marks = data.GetCellData().GetArray(MARKS[0])
-    kept = np.isin(kinds, solid) & (True if marks is None else _numbers(marks).astype(np.int64) & _COVERED == 0)
+    kept = np.isin(kinds, solid) & (True if marks is None else _numbers(marks).astype(np.int64) & _TWICE == 0)
     if not kept.any():
         raise expected("cells", "some with a volume", "flat ones", SURFACE)
     if kept.all():
@@ -357,28 +418,6 @@ def corners(cells: Any, what: str, points: int) -> tuple[np.ndarray, np.ndarray]
     return numbers, offsets
 
 
-def _measure(grid: Any, choice: Selection) -> _Part:
-    """Sizes, places and values of a grid of cells."""
-    from vtkmodules.vtkFiltersCore import vtkCellCenters
-
-    points = finite_points(grid)
-    numbers, offsets = _numbers(grid.GetCells().GetConnectivityArray()), _numbers(grid.GetCells().GetOffsetsArray())
-    ends = points[numbers]
-    extents = np.maximum.reduceat(ends, offsets[:-1]) - np.minimum.reduceat(ends, offsets[:-1])
-    box, there = np.stack([ends.min(axis=0), ends.max(axis=0)]), (extents > 0).all(axis=1)
-    if not there.any():
-        raise expected("cells", "some with a volume", "flat ones", SURFACE)
-    smallest = extents[there][extents[there].prod(axis=1).argmin()]
-    if choice.of_cells:
-        centers = vtkCellCenters()
-        centers.SetInputData(grid)
-        centers.VertexCellsOff()
-        centers.Update()
-        points = _numbers(centers.GetOutput().GetPoints().GetData()).astype(np.float64)
-    owner = grid.GetCellData() if choice.of_cells else grid.GetPointData()
-    return _Part(choice, grid.GetNumberOfCells(), smallest, box, points, _numbers(owner.GetArray("values")))
-
-
 def even_counts(span: np.ndarray, steps: np.ndarray, cells: int) -> np.ndarray:
     """Voxels along x, y, z of a box at these steps, or fewer."""
     most = max(min(max(_MOST_FINER * cells, _FREE_VOXELS), _MOST_VOXELS, budget() // _VOXEL_BYTES), 1)
@@ -407,7 +446,7 @@ def _probe(
     resample.Update()
     found, shape = resample.GetOutput().GetPointData(), tuple(counts[::-1].tolist())
     inside = _numbers(found.GetArray(MARKS[2])).astype(bool).reshape(shape)
-    samples = np.where(inside, _numbers(found.GetArray("values")).reshape(shape), np.nan)
+    samples = np.where(inside, _numbers(found.GetArray("values")).reshape(shape), np.nan).astype(np.float32)
     if not with_vectors:
         return samples, None
     vectors = _numbers(found.GetArray("vectors")).reshape(*shape, 3)

@@ -43,7 +43,7 @@ from splatgl.readers.options import SURFACE, VTK_DATA, LoadOptions, converter
 from splatgl.readers.vtk_arrays import PointArray, count_cells, select_arrays
 from splatgl.readers.vtk_files import NUMBERED, select_entry
 from splatgl.readers.vtk_files import read as read_elsewhere
-from splatgl.readers.vtk_xml import ByteSource, VtkXml, parse_numbers, parse_vtk
+from splatgl.readers.vtk_xml import XML_TYPES, ByteSource, VtkXml, parse_numbers, parse_vtk
 
 _ZLIB = "vtkZLibDataCompressor"
 
@@ -79,12 +79,6 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 # --- arrays in XML ----------------------------------------------------------------------------------------------------
 
-_XML_TYPES = {
-    f"{name}{8 * size}": f"{code}{size}"
-    for name, code, sizes in (("Int", "i", (1, 2, 4, 8)), ("UInt", "u", (1, 2, 4, 8)), ("Float", "f", (4, 8)))
-    for size in sizes
-}
-
 
 def _read_arrays(file: VtkXml, owner: Element, shape: Shape) -> list[PointArray]:
     """The arrays [D, H, W, components] below an element, which are read later."""
@@ -97,9 +91,9 @@ def _read_array(file: VtkXml, node: Element, shape: Shape) -> PointArray:
     """The array [D, H, W, components] of an element DataArray, which is read later."""
     name, type_name = node.get("Name", "unnamed"), node.get("type", "none")
     components, is_bits = int(parse_numbers(node, "NumberOfComponents", "1", 1)[0]), type_name == "Bit"
-    if (type_name not in _XML_TYPES and not is_bits) or components < 1:
+    if (type_name not in XML_TYPES and not is_bits) or components < 1:
         raise expected(f"DataArray {name}", "a number type and components", f"{type_name}, {components}")
-    dtype = np.dtype("u1" if is_bits else _XML_TYPES[type_name]).newbyteorder(file.header.byteorder)
+    dtype = np.dtype("u1" if is_bits else XML_TYPES[type_name]).newbyteorder(file.header.byteorder)
     full, source = (*shape, components), file.source(node)
     if source is None:
         text = (node.text or "").encode("ascii", "replace")

@@ -8,13 +8,19 @@ from __future__ import annotations
 import base64
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 
 from splatgl.errors import expected
 from splatgl.readers.common import decoder_errors, find_data_file, parse_xml, require_bytes
 
+# numpy codes of VTK's types
+XML_TYPES = {
+    f"{name}{8 * size}": f"{code}{size}"
+    for name, code, sizes in (("Int", "i", (1, 2, 4, 8)), ("UInt", "u", (1, 2, 4, 8)), ("Float", "f", (4, 8)))
+    for size in sizes
+}
 # deepest nesting of files that name others
 _DEPTH = 8
 _APPENDED, _END = b"<AppendedData", b"</AppendedData"
@@ -136,6 +142,24 @@ def parse_numbers(element: Element, name: str, default: str, count: int) -> list
     if len(numbers) != count or not np.isfinite(numbers).all():
         raise expected(name, f"{count} numbers", repr(text))
     return numbers
+
+
+def spell_numbers(path: Path) -> bytes | None:
+    """A file whose numbers in text that VTK does not read, nan and inf, are in base64; None for others."""
+    data = np.memmap(path, np.uint8, mode="r")
+    if not any(_find_word(data, word) < len(data) for word in (b"nan", b"NaN", b"inf")):
+        return None
+    file = parse_vtk(path, ())
+    nodes = [node for node in file.root.iter("DataArray") if node.get("type") in XML_TYPES]
+    if not nodes or file.appended or any(node.get("format") != "ascii" for node in nodes):
+        return None
+    file.root.attrib.pop("compressor", None)
+    for node in nodes:
+        dtype = np.dtype(XML_TYPES[node.get("type", "")]).newbyteorder(file.header.byteorder)
+        numbers = np.array((node.text or "").split() or np.empty(0, "S1")).astype(dtype).tobytes()
+        node.text = base64.b64encode(np.array([len(numbers)], file.header).tobytes() + numbers).decode()
+        node.set("format", "binary")
+    return tostring(file.root)
 
 
 def check_xml(path: Path, anywhere: bool, kinds: tuple[str, ...] = (), depth: int = 0) -> int:

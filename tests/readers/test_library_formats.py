@@ -326,7 +326,7 @@ AXES = (
 def vtr(path: Path, samples: np.ndarray = F, z: str = "9 6 3 0") -> Path:
     numbers = " ".join(map(str, samples.ravel()))
     path.write_text(
-        '<VTKFile type="RectilinearGrid"><RectilinearGrid WholeExtent="0 4 0 6 0 3"><Piece><PointData>'
+        '<VTKFile type="RectilinearGrid"><RectilinearGrid WholeExtent="0 4 0 6 0 3"><Piece Extent="0 4 0 6 0 3"><PointData>'
         f'<DataArray type="UInt8" Name="a" format="ascii">{numbers}</DataArray></PointData><Coordinates>'
         f"{''.join(AXES).format(z=z)}</Coordinates></Piece></RectilinearGrid></VTKFile>"
     )
