@@ -460,7 +460,10 @@ FORMATS = (
     # last, as most are told by their endings alone
     Format(
         "simulation",
-        (".foam", ".xdmf", ".xmf", ".case", ".encas", ".exo", ".ex2", ".exii", ".cgns"),
+        (
+            *(".foam", ".xdmf", ".case", ".exo", ".e", ".ex2", ".exii", ".cgns", ".cas", ".inp", ".neu", ".nek5000"),
+            *(".grdecl", ".segy", ".sgy", ".cube"),
+        ),
         "vtk_files.read_with_pyvista",
         ("array", "channel", "time"),
         ("?", "XML", "HDF5", "NetCDF-3", "no bytes"),

@@ -98,7 +98,11 @@ def open_reader(path: Path, with_pyvista: bool = False) -> Any:
     if with_pyvista:
         pyvista = import_extra("pyvista", f"{path.suffix} files", "pyvista", "pyvista")
         with decoder_errors("a format of PyVista"):
-            return pyvista.get_reader(str(path)).reader
+            reader = pyvista.get_reader(str(path)).reader
+        if hasattr(reader, "CreateCellToPointOff"):
+            # OpenFOAM's values of cells, not means of them at points
+            reader.CreateCellToPointOff()
+        return reader
     with path.open("rb") as file:
         head = file.read(1024)
     text = None

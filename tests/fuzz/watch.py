@@ -149,6 +149,9 @@ def quick_looks(reader: str, names: Sequence[str]) -> None:
     names: of the reader's files. The look is the reader's own, with the same limits.
     """
     module: Any
+    # the process of VTK's readers is there from the beginning
+    elsewhere.SECONDS = LONG
+    elsewhere.call("common.parse_number", 0, "1")
     if reader == XR:
         import imagecodecs  # noqa: F401
 
@@ -158,8 +161,6 @@ def quick_looks(reader: str, names: Sequence[str]) -> None:
 
         module, script = hdf5_files, hdf5_files._PROBE.read_text(encoding="utf-8")
     else:
-        # of VTK's readers, which have a process of their own
-        elsewhere.SECONDS = LONG
         return
     ours, theirs = os.pipe()
     answers, answer = os.pipe()

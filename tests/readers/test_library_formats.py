@@ -326,7 +326,8 @@ AXES = (
 def vtr(path: Path, samples: np.ndarray = F, z: str = "9 6 3 0") -> Path:
     numbers = " ".join(map(str, samples.ravel()))
     path.write_text(
-        '<VTKFile type="RectilinearGrid"><RectilinearGrid WholeExtent="0 4 0 6 0 3"><Piece Extent="0 4 0 6 0 3"><PointData>'
+        '<VTKFile type="RectilinearGrid"><RectilinearGrid WholeExtent="0 4 0 6 0 3">'
+        '<Piece Extent="0 4 0 6 0 3"><PointData>'
         f'<DataArray type="UInt8" Name="a" format="ascii">{numbers}</DataArray></PointData><Coordinates>'
         f"{''.join(AXES).format(z=z)}</Coordinates></Piece></RectilinearGrid></VTKFile>"
     )
@@ -413,7 +414,9 @@ def test_time_series_and_blocks(tmp_path: Path) -> None:
     pytest.importorskip("vtk", reason="reads blocks")
     blocks = '<Block index="0" name="b"><DataSet index="0" name="one" file="0.vtr"/></Block>'
     blocks += '<DataSet index="1" name="two" file="1.vtr"/><DataSet index="2" name="mesh" file="2.vtp"/>'
-    (tmp_path / "2.vtp").write_text('<VTKFile type="PolyData"><PolyData/></VTKFile>')
+    (tmp_path / "2.vtp").write_text(
+        '<VTKFile type="PolyData"><PolyData><Piece NumberOfPoints="0"/></PolyData></VTKFile>'
+    )
     several = listed(tmp_path / "letter.vtm", "vtkMultiBlockDataSet", blocks)
     for name in ("two", 1, "two/a", "1/a"):
         np.testing.assert_array_equal(load(several, array=name).samples, F + 1)

@@ -88,6 +88,54 @@ def test_unstructured_grids(tmp_path: Path, kind: str, mode: str) -> None:
         assert number.samples[index] == at
 
 
+@pytest.mark.parametrize("version", [42, 51])
+@pytest.mark.parametrize("coding", ["ASCII", "Binary"])
+def test_legacy_cells(tmp_path: Path, coding: str, version: int) -> None:
+    """As in XML; a file that is cut is refused, where VTK returns any values."""
+    want = load(save(vtk.vtkXMLUnstructuredGridWriter(), tmp_path / "a.vtu", mesh("tetrahedra")))
+    writer = vtk.vtkUnstructuredGridWriter()
+    getattr(writer, f"SetFileTypeTo{coding}")()
+    writer.SetFileVersion(version)
+    path = save(writer, tmp_path / "a.vtk", mesh("tetrahedra"))
+    volume = load(path)
+    np.testing.assert_allclose(volume.samples, want.samples, rtol=1e-5, atol=1e-4)
+    assert volume.spacing == want.spacing and volume.notes[0] == want.notes[0]
+    data = path.read_bytes()
+    for end in (data.index(b"CELL_TYPES") + 30, data.index(b"POINT_DATA") + 200):
+        path.write_bytes(data[:end])
+        with pytest.raises(InputError, match=r"cut short|damaged"):
+            load(path)
+
+
+@pytest.mark.parametrize("encoded", [True, False], ids=["base64", "raw"])
+def test_cut_arrays_are_refused(tmp_path: Path, encoded: bool) -> None:
+    """VTK returns any values for the missing bytes of an uncompressed array."""
+    writer = vtk.vtkXMLUnstructuredGridWriter()
+    writer.SetCompressorTypeToNone()
+    writer.SetEncodeAppendedData(encoded)
+    path = save(writer, tmp_path / "a.vtu", mesh("hexahedra"))
+    data = path.read_bytes()
+    assert load(path).samples.size
+    end = data.rindex(b"</AppendedData>")
+    for changed in (data[: end - 20], data[: end - 20] + data[end:]):
+        path.write_bytes(changed)
+        with pytest.raises(InputError, match="the file is cut short or its header states a wrong size"):
+            load(path)
+
+
+def test_gaps_between_pieces_are_refused(tmp_path: Path) -> None:
+    """VTK returns any values there."""
+    writer = vtk.vtkXMLStructuredGridWriter()
+    writer.SetDataModeToAscii()
+    text = save(writer, tmp_path / "a.vts", curved()).read_text()
+    piece = text[text.index("<Piece") : text.index("</Piece>") + 8]
+    more = piece.replace('Extent="0 5 0 2 0 3"', 'Extent="7 12 0 2 0 3"')
+    assert more != piece
+    (tmp_path / "a.vts").write_text(text.replace(piece, piece + more).replace('WholeExtent="0 5', 'WholeExtent="0 12'))
+    with pytest.raises(InputError, match="pieces: expected a whole grid, got gaps between them"):
+        load(tmp_path / "a.vts")
+
+
 def test_cells_in_a_time_series(tmp_path: Path) -> None:
     save(vtk.vtkXMLUnstructuredGridWriter(), tmp_path / "a.vtu", mesh("hexahedra"))
     steps = "".join(f'<DataSet timestep="{n}" file="a.vtu"/>' for n in range(2))

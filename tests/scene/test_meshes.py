@@ -227,6 +227,7 @@ def test_colours_and_frames_of_files(tmp_path: Path) -> None:
 
 def test_vtk_files(tmp_path: Path) -> None:
     """Polygons and strips as triangles, lines as tubes, in several pieces, with offsets of VTK's own form."""
+    pytest.importorskip("vtk", reason="reads them")
     points = "0 0 0  4 0 0  4 4 0  0 4 0  0 0 4"
 
     def array(name: str, numbers: str) -> str:
@@ -248,6 +249,24 @@ def test_vtk_files(tmp_path: Path) -> None:
     path.write_text(head + piece.replace("0 1 2 3 0 1 4", "0 1 2 3 0 1 9") + "</PolyData></VTKFile>")
     with pytest.raises(InputError, match=r"a\.vtp: Polys: expected numbers of 5 points, got 0 to 9"):
         sg.load_mesh(path)
+
+
+def test_legacy_vtk_files(tmp_path: Path) -> None:
+    """The same triangles as in XML."""
+    vtk = pytest.importorskip("vtk")
+    source = vtk.vtkCubeSource()
+    source.Update()
+    meshes = []
+    for name, writer in (("a.vtk", vtk.vtkPolyDataWriter()), ("a.vtp", vtk.vtkXMLPolyDataWriter())):
+        writer.SetFileName(str(tmp_path / name))
+        writer.SetInputData(source.GetOutput())
+        writer.Write()
+        meshes.append(sg.load_mesh(tmp_path / name))
+    assert len(meshes[0]) == 12
+    np.testing.assert_array_equal(meshes[0].vertices, meshes[1].vertices)
+    np.testing.assert_array_equal(meshes[0].faces, meshes[1].faces)
+    with pytest.raises(InputError, match="a surface: --mesh"):
+        sg.load(tmp_path / "a.vtk")
 
 
 def test_points_of_files(tmp_path: Path) -> None:
