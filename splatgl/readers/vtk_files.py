@@ -333,9 +333,8 @@ def _keep_selected(grid: Any, options: LoadOptions) -> Selection:
 
     owners = (grid.GetPointData(), grid.GetCellData())
     sizes = (grid.GetNumberOfPoints(), grid.GetNumberOfCells())
-    choice = select_arrays(
-        *(list_arrays(owner, (1, 1, size)) for owner, size in zip(owners, sizes, strict=True)), options
-    )
+    points, cells = (list_arrays(owner, (1, 1, size)) for owner, size in zip(owners, sizes, strict=True))
+    choice = select_arrays(points, cells, options)
     kept = [("values", choice.samples), *([] if choice.vectors is None else [("vectors", choice.vectors)])]
     arrays = [(name, np.array(values[0, 0], np.float64)) for name, values in kept]
     for owner in owners:

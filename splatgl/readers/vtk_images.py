@@ -64,7 +64,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
     low, shape = extent[::2], grid_shape((extent[1::2] - extent[::2] + 1).tolist(), "Extent")
     # 2. arrays of points and of cells
     owners = ((nodes[0].find("PointData"), shape), (nodes[0].find("CellData"), count_cells(shape)))
-    choice = select_arrays(*([] if node is None else _read_arrays(file, node, size) for node, size in owners), options)
+    points, cells = ([] if node is None else _read_arrays(file, node, size) for node, size in owners)
+    choice = select_arrays(points, cells, options)
     if file.kind == "RectilinearGrid":
         axes = nodes[0].findall("Coordinates/DataArray")
         if len(axes) != 3:
@@ -133,7 +134,7 @@ def _inflate_blocks(source: ByteSource, number: np.dtype, needed: int) -> np.nda
     require_plausible(needed, sum(packed))
     require_memory(needed, sum(packed))
     # 2. the blocks, one behind the other
-    data, out, start = source.at(source.stored(length)).take(sum(packed)), bytearray(), 0
+    data, out, start = source.at(source.stored(length)).take(sum(packed)).tobytes(), bytearray(), 0
     for size, stored in zip(sizes, packed, strict=True):
         with decoder_errors("compressed data"):
             block = zlib.decompressobj().decompress(data[start : start + stored], size + 1)
