@@ -27,7 +27,6 @@ VTK_DATA = (".vtu", ".vts", ".pvti", ".pvtr", ".pvtu", ".pvts", ".vtm", ".vthb",
 _INSIDE = re.compile(rf"(?is)(.+(?:{'|'.join(map(re.escape, HDF5))})):([/\\].+)")
 
 _FIJI = "save it as TIFF with Fiji (Bio-Formats)"
-PARAVIEW = "turn it into a .vti with ParaView's filter Resample To Image"
 SURFACE = "it is a surface: --mesh and sg.load_mesh read it"
 
 # advice for files that are not read, by ending

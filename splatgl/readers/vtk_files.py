@@ -26,7 +26,7 @@ from splatgl.readers.elsewhere import call
 from splatgl.readers.hdf5_files import check_group
 from splatgl.readers.options import SURFACE, LoadOptions
 from splatgl.readers.vtk_arrays import MARKS, PointArray, Selection, count_cells, select_arrays
-from splatgl.readers.vtk_xml import check_xml, parse_vtk, spell_numbers
+from splatgl.readers.vtk_xml import check_xml, is_xml, parse_vtk, spell_numbers
 
 # most voxels: so many per cell, but at least and at most these numbers, within the memory of so many bytes per voxel
 _MOST_FINER, _FREE_VOXELS, _MOST_VOXELS, _VOXEL_BYTES = 64, 2**15, 2**24, 64
@@ -47,8 +47,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of a file of VTK; `array` names a block, an array, or both, as in 3/density, `channel` picks a
     component, `time` a step. What lies outside of all cells is NaN.
     """
-    with path.open("rb") as file:
-        size = check_xml(path, options.anywhere) if file.read(16).lstrip()[:1] == b"<" else path.stat().st_size
+    size = check_xml(path, options.anywhere) if is_xml(path) else path.stat().st_size
     volume: Volume = call("vtk_files.read_data", size, path, options)
     return volume
 
@@ -106,7 +105,7 @@ def open_reader(path: Path, with_pyvista: bool = False) -> Any:
     with path.open("rb") as file:
         head = file.read(1024)
     text = None
-    if head.lstrip()[:1] == b"<":
+    if is_xml(path):
         module, name = "vtkIOXML", "vtkXMLGenericDataObjectReader"
         if re.search(rb"type=.vtk\w*(AMR|HierarchicalBox)", head):
             name = "vtkXMLUniformGridAMRReader"
@@ -184,17 +183,20 @@ def _convert(data: Any, options: LoadOptions) -> Volume:
 
 def _convert_even(data: Any, options: LoadOptions) -> Volume:
     """The volume of an image or a rectilinear grid."""
-    w, h, d = data.GetDimensions()
-    shape = (d, h, w)
-    choice = select_arrays(
-        list_arrays(data.GetPointData(), shape), list_arrays(data.GetCellData(), count_cells(shape)), options
-    )
+    choice, shape = _select(data, options)
     if data.IsA("vtkRectilinearGrid"):
         places = [_numbers(axis) for axis in (data.GetXCoordinates(), data.GetYCoordinates(), data.GetZCoordinates())]
         return choice.rectilinear(places, even=options.spacing is not None)
     matrix = np.reshape(data.GetDirectionMatrix().GetData(), (3, 3)) * np.array(data.GetSpacing())
     origin = np.array(data.GetOrigin()) + matrix @ np.array(data.GetExtent()[::2])
     return choice.volume(matrix, origin, shape, "direction and spacing")
+
+
+def _select(data: Any, options: LoadOptions) -> tuple[Selection, Shape]:
+    """The selected arrays of an image or a rectilinear grid, and its points [D, H, W]."""
+    w, h, d = data.GetDimensions()
+    points, cells = list_arrays(data.GetPointData(), (d, h, w)), list_arrays(data.GetCellData(), count_cells((d, h, w)))
+    return select_arrays(points, cells, options), (d, h, w)
 
 
 def _numbers(array: Any) -> np.ndarray:
@@ -274,13 +276,7 @@ def _resample_amr(blocks: list[Any], options: LoadOptions) -> Volume:
     """The volume of AMR: each voxel has the value of the finest block there, of the cell or linear between points.
     blocks: coarse ones first.
     """
-    shapes = [block.GetDimensions()[::-1] for block in blocks]
-    choices = [
-        select_arrays(
-            list_arrays(block.GetPointData(), shape), list_arrays(block.GetCellData(), count_cells(shape)), options
-        )
-        for block, shape in zip(blocks, shapes, strict=True)
-    ]
+    choices, shapes = zip(*(_select(block, options) for block in blocks), strict=True)
     choice = choices[0]
     if len({each.of_cells for each in choices}) > 1:
         raise expected("blocks", "one array in all of them", "different arrays", "name one with array=NAME")

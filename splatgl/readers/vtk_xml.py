@@ -162,6 +162,12 @@ def spell_numbers(path: Path) -> bytes | None:
     return tostring(file.root)
 
 
+def is_xml(path: Path) -> bool:
+    """Whether a file begins as XML does."""
+    with path.open("rb") as file:
+        return file.read(16).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
+
+
 def check_xml(path: Path, anywhere: bool, kinds: tuple[str, ...] = (), depth: int = 0) -> int:
     """Bytes of a file of VTK in XML and of those that it names. Raises InputError for a type not in `kinds`, names
     outside of its folder, if not `anywhere`, and for uncompressed arrays that are cut, as VTK takes them for whole.
@@ -175,8 +181,7 @@ def check_xml(path: Path, anywhere: bool, kinds: tuple[str, ...] = (), depth: in
             source.block(file.header)
         if name := node.get("Source") or node.get("file"):
             other = find_data_file(path, name, anywhere)
-            is_xml = other.suffix.lower().startswith((".vt", ".pvt"))
-            size += check_xml(other, anywhere, (), depth + 1) if is_xml else other.stat().st_size
+            size += check_xml(other, anywhere, (), depth + 1) if is_xml(other) else other.stat().st_size
     return size
 
 

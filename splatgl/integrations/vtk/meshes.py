@@ -13,6 +13,7 @@ from splatgl.data.mesh import SIDES, Mesh
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.integrations.vtk.properties import clip_planes, matrix_of, vtk_plane
+from splatgl.readers.vtk_files import leaves
 
 # name of the colour array, which VTK's filters pass on with the geometry
 COLORS = "splatgl colors"
@@ -61,7 +62,7 @@ def _meshes(actor: Any, camera: Camera) -> Iterator[Mesh]:
         return
     mapper.GetInputAlgorithm().Update()
     style, matrix = prop.GetRepresentation(), matrix_of(actor)
-    for data in _leaves(mapper.GetInputDataObject(0, 0)):
+    for _, data in leaves(mapper.GetInputDataObject(0, 0)):
         data = _map_scalars(data, mapper)
         surface = data if data.IsA("vtkPolyData") else _apply(vtkGeometryFilter(), data)
         surface = _clip(surface, mapper, matrix)
@@ -212,18 +213,6 @@ def _radius(places: np.ndarray, pixels: float, camera: Camera) -> float:
     """World length of half as many pixels at the middle of points."""
     depth = float(camera.eye_from_points(places.mean(axis=0))[2])
     return pixels / 2 * float(camera.pixel_pitch(abs(depth) or 1.0))
-
-
-def _leaves(data: Any) -> Iterator[Any]:
-    """Data sets in a tree of blocks."""
-    if not data.IsA("vtkCompositeDataSet"):
-        yield data
-        return
-    steps = data.NewIterator()
-    steps.InitTraversal()
-    while not steps.IsDoneWithTraversal():
-        yield steps.GetCurrentDataObject()
-        steps.GoToNextItem()
 
 
 def _map_scalars(data: Any, mapper: Any) -> Any:
