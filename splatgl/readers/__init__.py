@@ -78,11 +78,11 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: Unpack[L
                 load_options = replace(load_options, time=first.time_number(load_options.time))
             volume = _load_remote(str(path), load_options) if is_address(path) else _load(Path(path), load_options)
     except InputError as error:
-        raise _with_path(path, error) from error.__cause__
+        raise with_path(path, error) from error.__cause__
     except OSError as error:
-        raise _with_path(path, InputError(f"cannot be read: {error.strerror or error}")) from error
+        raise with_path(path, InputError(f"cannot be read: {error.strerror or error}")) from error
     except MemoryError as error:
-        raise _with_path(path, InputError("needs more memory than available; use a smaller volume")) from error
+        raise with_path(path, InputError("needs more memory than available; use a smaller volume")) from error
     warn(volume.notes, path)
     return volume
 
@@ -111,7 +111,7 @@ def find_labels(path: Path, options: LoadOptions, name: str) -> str | None:
             is_zarr = path.exists() and _find_format(path, options).reader == "ome_zarr.read"
             return _import_function("ome_zarr.find_labels")(path, options, name) if is_zarr else None
     except InputError as error:
-        raise _with_path(path, error) from error.__cause__
+        raise with_path(path, error) from error.__cause__
 
 
 def _load(path: Path, options: LoadOptions) -> Volume:
@@ -158,7 +158,7 @@ def _apply_name(volume: Volume, name: str, form: Format, options: LoadOptions) -
     return replace(volume, name=(name[: -len(suffix)] if suffix else name).removesuffix(".ome"))
 
 
-def _with_path(path: Path | str, error: InputError) -> InputError:
+def with_path(path: Path | str, error: InputError) -> InputError:
     """The error as one line that begins with the path, with text of a damaged header shortened and sanitized."""
     message = str(error)
     short = message if len(message) <= LINE_LIMIT else message[: LINE_LIMIT - 1] + "…"

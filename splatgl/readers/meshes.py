@@ -16,6 +16,7 @@ from splatgl.data.affine import metres_in
 from splatgl.data.mesh import SIDES, Mesh, ring_points
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_existing
+from splatgl.readers import with_path
 from splatgl.readers.common import decoder_errors, silence_libraries
 from splatgl.readers.elsewhere import call
 from splatgl.readers.polygons import DEFAULT, Polygons, read_obj, read_off, read_ply_polygons
@@ -69,7 +70,7 @@ def load_mesh(
         if not len(mesh):
             raise expected("mesh", "at least one triangle or line", "none")
     except (InputError, OSError) as error:
-        raise InputError(f"{path}: {error}") from error
+        raise with_path(path, InputError(str(error))) from error
     mesh = replace(mesh, opacity=opacity, name=file.name, window=window)
     return color_mesh(mesh, color)
 

@@ -150,8 +150,8 @@ def quick_looks(reader: str, names: Sequence[str]) -> None:
     """
     module: Any
     # the process of VTK's readers is there from the beginning
-    elsewhere.SECONDS = LONG
     elsewhere.call("common.parse_number", 0, "1")
+    elsewhere.SECONDS = LONG
     if reader == XR:
         import imagecodecs  # noqa: F401
 
