@@ -9,6 +9,8 @@
 #define ALIGN_HYBRID 2
 #define ALIGN_EXACT 3
 
+float splat_size = 1.0;  // of voxels that are joined to one splat, in voxels along each side; of the quads of a table
+
 mat3 eye_from_index() {
     return mat3(frame.eye_from_index[0].xyz, frame.eye_from_index[1].xyz, frame.eye_from_index[2].xyz);
 }

@@ -34,7 +34,7 @@ void quad_plane(vec3 v, out vec3 e1, out vec3 e2) {
 Quad table_quad(vec3 v) {
     vec3 e1, e2;
     quad_plane(v, e1, e2);
-    float p = smallest_axis(v.z);
+    float p = smallest_axis(v.z) / splat_size;
     if (CUBIC == 1) {
         float m = max(1.0, p);
         return plain_quad(e1 * m, e2 * m, 1.0 / (m * m), 1.0 / (m * m));

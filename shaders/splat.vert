@@ -55,6 +55,8 @@ void main() {
 
     // the corner, and its footprint coordinates
     Quad quad = splat_quad(v);
+    quad.axis_1 *= splat_size;
+    quad.axis_2 *= splat_size;
     vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
     corner = widened_corner(corner, v, quad);
     at = corner * quad.reach;

@@ -2,11 +2,12 @@
 // VARYING is defined as `out` in the vertex shader, FLAT as `flat`; elsewhere as nothing.
 // switch SHADING 0  normals are lit
 // switch BOXES 0    splats are boxes of voxels, see boxes.glsl
+// switch QUANTIZED 0  records are those of a web page
 #include "approximations.glsl"
 #include "attenuation.glsl"
 #include "light.glsl"
 #include "motion_opacity.glsl"
-#include "records.glsl"
+#include "quantized_records.glsl" if QUANTIZED else "records.glsl"
 #include "varyings.glsl"
 
 // The voxel's colour by its normal, and by the light that reaches it; a zero gradient is unshaded. Boxes are lit later.

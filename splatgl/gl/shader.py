@@ -22,7 +22,7 @@ import numpy as np
 from splatgl.errors import expected
 from splatgl.geometry import clipping, mask_field
 from splatgl.planning import clusters, culling, technique
-from splatgl.splat import footprint, motion, motion_blur, sheets, splats
+from splatgl.splat import footprint, motion, motion_blur, quantized, sheets, splats
 from splatgl.transfer import colormaps, preintegration, regions
 
 # a file; or a file for any of the switches on, and its twin without effect for all of them off
@@ -35,6 +35,10 @@ ERROR_LINE = re.compile(r"\b0[:(](\d+)")
 VERSION_LINE = re.compile(r"^// version (\d+)(?: if (\w+))?\s*$")
 EXTENSION_LINE = re.compile(r"^// extension (\w+)$")
 VERSION = 330
+WEB_HEAD = (
+    "#version 300 es",
+    *(f"precision highp {kind};" for kind in ("float", "int", "sampler2D", "sampler3D", "usampler2D")),
+)
 
 
 # environment: name of the shape of compute shaders
@@ -95,10 +99,13 @@ def folder() -> Path:
     return inside if inside.is_dir() else Path(__file__).parents[2] / "shaders"
 
 
-def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozenset[str] = frozenset()) -> ShaderText:
+def compose(
+    name: str, switches: Mapping[str, str | int | bool], allowed: frozenset[str] = frozenset(), is_web: bool = False
+) -> ShaderText:
     """Returns the text of shader `name` with its includes and switches, ready to compile.
 
-    allowed: switches that only another stage of the program declares.
+    allowed: switches that only another stage of the program declares. is_web: for WebGL 2, whose GLSL ES 3.00 converts
+    no integers and asks for precisions.
     """
     declared = _declared(name)
     unknown = set(switches) - set(declared) - allowed
@@ -107,7 +114,8 @@ def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozen
     values = {switch: _literal(switches.get(switch, default)) for switch, default in declared.items()}
     choosing = tuple((switch, values[switch] != "0") for switch in _choosing(name) if switch in values)
     version, extensions, code, places = _expand_all(name, choosing)
-    head = [f"#version {version} core", *extensions, *(f"#define {switch} {value}" for switch, value in values.items())]
+    first = WEB_HEAD if is_web else (f"#version {version} core", *extensions)
+    head = [*first, *(f"#define {switch} {value}" for switch, value in values.items())]
     return ShaderText("\n".join([*head, code]) + "\n", (f"{name}: switches",) * len(head) + places)
 
 
@@ -265,6 +273,7 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "ABREAST": np.uint32(ABREAST),
     "BLOCK": np.uint32(culling.BLOCK),
     "CENTERED": sheets.CENTERED[0],
+    "CLASSES": quantized.CLASSES,
     "CLOSED": np.uint32(CLOSED),
     "CONTINUED": np.uint32(CONTINUED),
     "GAUSSIAN": 0.5 / regions.DEVIATION**2,
@@ -277,7 +286,10 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "NAME_BITS": np.uint32(clusters.NAME_BITS),
     "NOWHERE": np.uint32(NOWHERE),
     "PAGE": PAGE,
+    "QUANTIZED_ROW": np.uint32(quantized.QUANTIZED_ROW),
     "RUN_OCTAVES": splats.OCTAVES,
+    "SHARE_ONE": quantized.SHARE_ONE,
+    "SHARE_STEPS": quantized.SHARE_STEPS,
     "SIDE_BITS": np.uint32(clusters.SIDE_BITS),
     "SORT_BLOCK": np.uint32(SORT_BLOCK),
     "SORT_LANES": np.uint32(SORT_LANES),
