@@ -13,6 +13,7 @@ from pathlib import Path
 
 from splatgl.animation.api import TIMES
 from splatgl.data.volume import ArrayOptions
+from splatgl.export.api import ExportOptions
 from splatgl.options import keywords_of
 from splatgl.readers.options import LoadOptions
 from splatgl.scene.api import GROUPS, KEYWORDS
@@ -77,6 +78,8 @@ def compose() -> str:
     one = {"time": KEYWORDS["time"]}
     lines += write_class("RenderKeywords", "Options of `render`, `show` and `depth_map`.", one, "PictureKeywords")
     lines += write_class("AnimateKeywords", "Options of `animate`.", TIMES, "PictureKeywords")
+    about = "Options of `export`."
+    lines += write_class("ExportKeywords", about, keywords_of(ExportOptions), "RenderKeywords")
     command = [sys.executable, "-m", "ruff", "format", "--stdin-filename", str(TARGET), "-"]
     views = KEYWORDS["view"].annotation.partition(" |")[0]
     text = f"{HEAD}ViewName: TypeAlias = {views}\n" + "\n".join(lines).replace(views, "ViewName") + "\n"

@@ -260,3 +260,11 @@ class AnimateKeywords(PictureKeywords, total=False):
     fps: float | None
     bits: Literal[8, 16]
     resume: bool
+
+class ExportKeywords(RenderKeywords, total=False):
+    """Options of `export`."""
+
+    format: Literal["html", "ply", "spz", "glb"] | None
+    splats: int
+    bits: Literal[8, 16]
+    max_size: int | str

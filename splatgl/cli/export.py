@@ -1,4 +1,5 @@
-"""`splatgl convert`, `surface` and `pyramid`: write a volume in another format, as a mesh, or with coarser levels.
+"""`splatgl export`, `convert`, `surface` and `pyramid`: write a scene for browsers and viewers, and a volume in another
+format, as a mesh, or with coarser levels.
 
 A coarser classified voxel has the mean opacity of the rays through its eight voxels along each axis, as
 extinction. The mean of extinctions would make an opaque thread in it as wide as the voxel (RMSE .15; this .08), and
@@ -8,6 +9,9 @@ the mean of values would lose the thread.
 from __future__ import annotations
 
 import argparse
+import os
+import shlex
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,18 +21,20 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.cli.options import add_source, add_transfer, scene_from, volume_source
+from splatgl.cli.options import add_drawing, add_source, add_transfer, record_of, scene_from, volume_source
 from splatgl.cli.parser import add_option, add_options
 from splatgl.data.arrays import ArrayWindow
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Places, Volume, triple, with_parts
 from splatgl.errors import expected, import_extra, missing_extra
+from splatgl.export.api import ExportOptions
+from splatgl.export.api import write as write_scene
 from splatgl.fileio import atomic_folder, check_folder, check_output, check_source
 from splatgl.geometry.clipping import crop_ends
 from splatgl.options import ValueKind, declared
 from splatgl.readers import load_source
-from splatgl.scene.draw import progress_bar
-from splatgl.scene.open_scene import print_lines, print_notes
+from splatgl.scene.draw import DrawOptions, progress_bar
+from splatgl.scene.open_scene import OpenScene, print_lines, print_notes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.extract import extract
 from splatgl.transfer.regions import OPAQUE, extinction_of
@@ -36,6 +42,39 @@ from splatgl.transfer.transfer import Transfer
 from splatgl.writers import TARGETS, find_target, formats, save
 from splatgl.writers.formats import describe_levels, finer_box, level_boxes, level_grids
 from splatgl.writers.surface import EXTRA, SAVED, iso_mesh, save_mesh
+
+
+EXAMPLES = """examples:
+  splatgl export head.nii.gz -o head.html
+  splatgl export head.nii.gz --preset ct-bone -o head.html --splats 200000 --max-size 3MB
+  splatgl export head.nii.gz -o head.spz
+  splatgl export wind.vti --streamlines -o wind.glb"""
+
+
+def add_export_parser(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `splatgl export`."""
+    parser.description = f"{parser.description}\n\n{EXAMPLES}"
+    add_source(parser)
+    about = "file to write: .html, .ply, .spz or .glb"
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help=about)
+    parser.add_argument("--quiet", action="store_true", help="no summary and no notes")
+    add_options(parser, ExportOptions)
+    add_drawing(parser)
+    parser.set_defaults(run=run_export)
+
+
+def run_export(args: argparse.Namespace) -> int:
+    """Writes the file, or nothing."""
+    options, path = record_of(args, ExportOptions), Path(args.output)
+    kind = options.check(path, args.source)
+    scene = OpenScene.read(replace(scene_from(args), annotate=()), args.quiet)
+    # names without their folders
+    words = [Path(word).name if os.path.exists(word) else word for word in sys.argv[1:]]
+    how = replace(record_of(args, DrawOptions), check=0)
+    write_scene(
+        scene, path, kind, options, how, shlex.join(["splatgl", *words]), (lambda line: None) if args.quiet else print
+    )
+    return 0
 
 
 def add_convert_parser(parser: argparse.ArgumentParser) -> None:

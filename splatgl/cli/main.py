@@ -299,6 +299,11 @@ COMMANDS = {
     "compare": Subcommand("compare pictures or folders, and describe changes", "compare.add_parser", "ACTUAL EXPECTED"),
     "info": Subcommand("describe a volume file", "info.add_info_parser", "SOURCE"),
     "presets": Subcommand("list the presets, or render a volume with each", "presets.add_parser", "[SOURCE]"),
+    "export": Subcommand(
+        "write a page that turns in a browser, splats for other viewers, or surfaces",
+        "export.add_export_parser",
+        "SOURCE -o OUT.html",
+    ),
     "convert": Subcommand("write a volume in another format", "export.add_convert_parser", "SOURCE OUT"),
     "surface": Subcommand(
         "write the surface at a value as a mesh", "export.add_surface_parser", "SOURCE --iso VALUE -o OUT.stl"

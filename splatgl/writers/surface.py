@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Slab, Volume
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import write_file
+from splatgl.transfer.colormaps import colormap, interpolate_map
 
 EXTRA = "surface"
 # formats: endings of files, and the text that readers find the frame in
@@ -79,6 +80,33 @@ def _march(measure: Any, volume: Volume, part: Slab, value: float) -> tuple[np.n
         return nothing
     places = places + np.array([first, 0.0, 0.0])
     return places[:, ::-1], np.asarray(triangles, np.int64)
+
+
+def save_meshes(meshes: Sequence[Mesh], path: Path) -> None:
+    """Writes surfaces in their colours and opacities as a .glb file, in their unit and axes. Raises InputError if it
+    cannot be written.
+    """
+    trimesh = import_extra("trimesh", "surfaces", "trimesh", EXTRA)
+    scene = trimesh.Scene()
+    for number, mesh in enumerate(meshes):
+        # glTF's colours of vertices are linear; corners of a vertex have the same colour
+        rgba = np.ones((len(mesh.vertices), 4))
+        rgba[mesh.faces.reshape(-1), :3] = _light_of(mesh).reshape(-1, 3)
+        rgba[:, 3] = mesh.opacity
+        colors = np.rint(np.clip(rgba, 0, 1) * 255).astype(np.uint8)
+        part = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=colors, process=False)
+        scene.add_geometry(part, geom_name=f"{number} {mesh.name}".strip())
+    write_file(path, bytes(scene.export(file_type="glb")))
+
+
+def _light_of(mesh: Mesh) -> np.ndarray:
+    """Linear RGB [M, 3, 3] of the corners of triangles, also of values in a colour map."""
+    if not mesh.mapped or mesh.values is None:
+        return mesh.shades
+    low, high = mesh.ranged
+    found = interpolate_map(colormap(mesh.colormap), np.clip((mesh.values - low) / (high - low), 0, 1))
+    plain = np.isnan(mesh.values)[:, None]
+    return np.where(plain, np.asarray(mesh.color, np.float64), np.nan_to_num(found))[mesh.faces]
 
 
 def save_mesh(mesh: Mesh, path: Path) -> None:

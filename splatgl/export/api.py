@@ -1,0 +1,195 @@
+"""`sg.export`: a page that turns in a browser, splats as 3-D Gaussians, or surfaces as glTF."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
+
+from splatgl.coercion import public
+from splatgl.errors import expected
+from splatgl.fileio import check_output, check_source, format_bytes, parse_bytes, within, write_file
+from splatgl.options import HelpGroup, OptionGroup, ValueKind, check_options, keywords_of, names_of, option
+from splatgl.scene.api import opened, scene_of, ungrouped, with_groups
+from splatgl.scene.draw import DrawOptions, SubjectView
+from splatgl.scene.open_scene import OpenScene
+
+if TYPE_CHECKING:
+    from splatgl.geometry.camera import Camera
+    from splatgl.keywords import ExportKeywords
+    from splatgl.splat.settings import Settings
+    from splatgl.transfer.transfer import Transfer
+
+# endings of files, by format
+FORMATS = {"html": (".html", ".htm"), "ply": (".ply",), "spz": (".spz",), "glb": (".glb",)}
+# default and largest numbers of splats, and default size of a page
+SPLATS, MOST_SPLATS, MOST_BYTES = 400_000, 2**24, 10 * 10**6
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """Options of `splatgl export` beside those of pictures."""
+
+    format: str | None = option(
+        None,
+        ValueKind.choice(tuple(FORMATS)),
+        "format (default: by the name's ending): html, a page; ply or spz, 3-D Gaussians; glb, surfaces and lines",
+        group=HelpGroup.OUTPUT,
+        level="basic",
+        metavar="NAME",
+    )
+    splats: int = option(
+        SPLATS,
+        ValueKind.whole(1, MOST_SPLATS),
+        "maximum number of splats: more voxels are joined to larger splats",
+        group=HelpGroup.OUTPUT,
+        level="basic",
+    )
+    bits: int = option(8, ValueKind.one_of(8, 16), "bits of values in a page (default 8)", group=HelpGroup.OUTPUT)
+    max_size: int = option(
+        MOST_BYTES,
+        ValueKind(
+            "a number of bytes",
+            lambda value: parse_bytes(value) if isinstance(value, str) else ValueKind.whole(1).check(value),
+            parse_bytes,
+            "SIZE",
+            written="a number of bytes, such as 10MB",
+            hint="int | str",
+        ),
+        "maximum size of a page, such as 3MB (default 10MB)",
+        group=HelpGroup.OUTPUT,
+        level="basic",
+    )
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+    def check(self, path: Path, *sources: str | None) -> str:
+        """The format of a file. Raises InputError, before any work, for a file that cannot be written."""
+        endings = [ending for names in FORMATS.values() for ending in names]
+        if self.format is None:
+            check_output(path, tuple(endings))
+        else:
+            check_output(path, (path.suffix.lower(),))
+        check_source(path, *sources)
+        suffix = path.suffix.lower()
+        return self.format or next(name for name, names in FORMATS.items() if suffix in names)
+
+
+@with_groups(keywords_of(ExportOptions))
+@public
+def export(
+    x: Any,
+    path: str | Path,
+    transfer: Transfer | OptionGroup | str | Mapping[str, Any] | None = None,
+    camera: Camera | OptionGroup | Any | None = None,
+    settings: Settings | OptionGroup | Any | None = None,
+    **options: Unpack[ExportKeywords],
+) -> Path:
+    """Writes `x` as a page that turns in any browser (.html), as 3-D Gaussians (.ply, .spz), or its iso-surfaces, meshes
+    and streamlines as glTF (.glb); returns the path.
+
+    x, transfer, camera, settings: as of `render`. options: those of `render`, and format (html, ply, spz or glb; by
+    default by the ending), splats (at most, 400,000 by default: more voxels are joined to larger splats), bits (8 or 16,
+    of values in a page), max_size (bytes of a page, 10 MB by default). The page states its error against the default
+    picture. Raises InputError as `render`, for a file that cannot be written, for more splats than asked for that cannot
+    be joined, such as points, for a larger page, and for nothing to write.
+
+    ```python
+    sg.export("head.nii.gz", "head.html", azimuth=60)
+    ```
+    """
+    given, slots = ungrouped(options, transfer, camera, settings)
+    own = ExportOptions(**{name: given.pop(name) for name in names_of(ExportOptions) if name in given})
+    target = Path(path)
+    source = str(x) if isinstance(x, str | Path) else None
+    kind = own.check(target, source)
+    shown = ", ".join(f"{name}={value!r}" for name, value in options.items() if isinstance(value, str | int | float))
+    words = [repr(Path(source).name) if source else "…", repr(target.name), *([shown] if shown else [])]
+    how = DrawOptions(is_shared=True, memory=given.get("memory"))
+    with within(how.memory):
+        scene = opened(scene_of(x, *slots, given))
+        write(scene, target, kind, own, how, f"sg.export({', '.join(words)})", lambda line: None)
+    return target
+
+
+def write(
+    scene: OpenScene | SubjectView,
+    path: Path,
+    kind: str,
+    options: ExportOptions,
+    how: DrawOptions,
+    command: str,
+    tell: Callable[[str], None],
+) -> None:
+    """Writes a scene in a format. command: that a page names. tell: is called with lines on the file, before it is
+    written.
+    """
+    if kind == "glb":
+        write_surfaces(scene, path, tell)
+    elif kind == "html":
+        from splatgl.export.page import make_page
+
+        page = make_page(scene, how, options.splats, options.bits, command)
+        tell(page.summary(path))
+        for note in page.notes:
+            tell(f"{path}: {note}")
+        data = page.html.encode()
+        if len(data) > options.max_size:
+            this = f"a page of at most {format_bytes(options.max_size)}"
+            raise expected(path, this, format_bytes(len(data)), "lower --splats, or raise --max-size")
+        write_file(path, data)
+    else:
+        write_gaussians(scene, path, kind, options, tell)
+
+
+def write_gaussians(
+    scene: OpenScene | SubjectView, path: Path, kind: str, options: ExportOptions, tell: Callable[[str], None]
+) -> None:
+    """Writes the splats of a scene as 3-D Gaussians, lit as in its view."""
+    from splatgl.export.layers import quantize
+    from splatgl.export.page import page_settings
+    from splatgl.gl.quantized import quantized_plan
+    from splatgl.splat.lighting import surface_light
+    from splatgl.writers.gaussians import Gaussians
+
+    notes = list[str]()
+    settings = page_settings(scene.settings)
+    splats = quantize(scene, settings, options.splats, options.bits, notes)
+    planned, camera = quantized_plan(splats, scene.camera, settings), scene.camera
+    world = splats.positions @ splats.grid.world_from_index.T + splats.grid.origin
+    along = world - camera.eye if camera.perspective else np.broadcast_to(camera.forward, world.shape)
+    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-30)
+    model, light = planned.program.appearance.light, np.ones(len(splats))
+    if planned.program.appearance.shading:
+        light = surface_light(splats.normals, along, model, model.within(camera))[0]
+    found = Gaussians.of(splats, planned.kernel, light)
+    joined = f" of {splats.found:,} voxels" if splats.found > len(splats) else ""
+    shape = f"their footprints are within {found.rmse:.1%} of the peak (RMSE) of those of kernel {planned.kernel.name}"
+    for line in (f"{path}: {len(splats):,} 3-D Gaussians{joined}, lit as in the first view; {shape}", *notes):
+        tell(line)
+    write_file(path, found.ply() if kind == "ply" else found.spz())
+
+
+def write_surfaces(scene: OpenScene | SubjectView, path: Path, tell: Callable[[str], None]) -> None:
+    """Writes iso-surfaces, meshes and streamlines of a scene. Raises InputError if there are none."""
+    from splatgl.planning.scene import Scene
+    from splatgl.writers.surface import iso_mesh, save_meshes
+
+    subject = scene.scene if isinstance(scene, OpenScene) else scene.subject
+    if not isinstance(subject, Scene):
+        raise expected(path, "a scene with iso-surfaces, meshes or streamlines", "splats")
+    meshes = list(subject.surfaces(scene.settings))
+    for layer in subject.shown:
+        for surface in layer.faded.iso:
+            color = surface.color or layer.faded.color(surface.value).tolist()
+            mesh, name = iso_mesh(layer.volume, surface.value), f"{layer.volume.name} {surface.value:g}".strip()
+            meshes.append(replace(mesh, color=color, opacity=surface.opacity, name=name))
+    if not meshes:
+        fix = "--iso VALUE, --surfaces, --mesh or --streamlines adds some"
+        raise expected(path, "iso-surfaces, meshes or streamlines", "none", fix)
+    save_meshes(meshes, path)
+    tell(f"{path}: {len(meshes)} surface{'s' * (len(meshes) != 1)}, {sum(map(len, meshes)):,} triangles")

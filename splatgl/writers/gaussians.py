@@ -1,0 +1,131 @@
+"""Splats as 3-D Gaussians, in the layouts that viewers of Gaussian splatting read: PLY of 3-D Gaussian splatting, and SPZ
+(version 2). Positions are in world units and axes; colours are spherical harmonics of degree 0.
+"""
+
+from __future__ import annotations
+
+import gzip
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatgl.data.color import srgb_from_linear
+from splatgl.fileio import write_file
+from splatgl.splat.kernels import Kernel
+from splatgl.splat.quantized import QuantizedSplats
+
+SAVED = (".ply", ".spz")
+# zeroth spherical harmonic
+HARMONIC = 0.28209479177387814
+# largest opacity, whose logarithm of odds is finite
+MOST_OPACITY = 1 - 1 / 4096
+PLY = np.dtype(
+    [
+        (name, "<f4")
+        for name in (
+            *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
+            *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
+        )
+    ]
+)
+# SPZ: its magic number and version, bits of a position, and most fractional ones
+MAGIC, VERSION, POSITION_BITS, FRACTION_BITS = 0x5053474E, 2, 24, 16
+# and how it stores colours and scales
+COLOR_SCALE, LOG_ZERO, LOG_STEPS = 0.15, 10.0, 16.0
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussians:
+    """3-D Gaussians. position [N, 3]: world. opacity [N]: of the middle. color [N, 3]: sRGB. scale [N, 3]: standard
+    deviations, world. rotation [4]: quaternion w, x, y, z of their axes. rmse: of the footprint, share of its peak.
+    """
+
+    position: np.ndarray
+    opacity: np.ndarray
+    color: np.ndarray
+    scale: np.ndarray
+    rotation: np.ndarray
+    rmse: float
+
+    @classmethod
+    def of(cls, splats: QuantizedSplats, kernel: Kernel, light: np.ndarray) -> Gaussians:
+        """The Gaussians of splats. light [N]: factor of their colours, as a Gaussian is not shaded."""
+        color, depth = splats.classified()
+        width, rmse = gaussian_width(kernel)
+        axes, widths, _ = np.linalg.svd(splats.grid.world_from_index)
+        if np.linalg.det(axes) < 0:
+            axes[:, 2] *= -1
+        position = splats.positions @ splats.grid.world_from_index.T + splats.grid.origin
+        peak = float(kernel.footprint(np.zeros(())))
+        opacity = -np.expm1(-depth * splats.sizes * peak)
+        scale = widths * width * splats.sizes[:, None]
+        lit = srgb_from_linear(np.clip(color * light[:, None], 0, 1))
+        return cls(position, np.minimum(opacity, MOST_OPACITY), lit, scale, quaternion(axes), rmse)
+
+    def save(self, path: Path) -> None:
+        """Writes a .ply or .spz file. Raises InputError if it cannot be written."""
+        write_file(path, self.ply() if path.suffix.lower() == ".ply" else self.spz())
+
+    def ply(self) -> bytes:
+        """A binary PLY in the layout of 3-D Gaussian splatting."""
+        rows = np.zeros(len(self.position), PLY)
+        for axis, name in enumerate("xyz"):
+            rows[name], rows[f"f_dc_{axis}"] = self.position[:, axis], (self.color[:, axis] - 0.5) / HARMONIC
+            rows[f"scale_{axis}"] = np.log(self.scale[:, axis])
+        rows["opacity"] = np.log(self.opacity / (1 - self.opacity))
+        for axis in range(4):
+            rows[f"rot_{axis}"] = self.rotation[axis]
+        names = "".join(f"property float {name}\n" for name in PLY.names or ())
+        head = f"ply\nformat binary_little_endian 1.0\ncomment splatgl\nelement vertex {len(rows)}\n{names}end_header\n"
+        return head.encode() + rows.tobytes()
+
+    def spz(self) -> bytes:
+        """A compressed SPZ."""
+        reach = max(float(np.abs(self.position).max(initial=0.0)), 1e-6)
+        bits = int(np.clip(np.floor(POSITION_BITS - 1 - np.log2(reach * 1.001)), 0, FRACTION_BITS))
+        fixed = np.rint(self.position * 2**bits).astype("<i4")
+        places = fixed.view(np.uint8).reshape(-1, 3, 4)[..., :3]
+        harmonic = (self.color - 0.5) / HARMONIC
+        turn = self.rotation * (1 if self.rotation[0] >= 0 else -1)
+        parts = (
+            places,
+            _byte(self.opacity * 255),
+            _byte(harmonic * (COLOR_SCALE * 255) + 0.5 * 255),
+            _byte((np.log(self.scale) + LOG_ZERO) * LOG_STEPS),
+            np.broadcast_to(_byte(turn[1:] * 127.5 + 127.5), (len(self.position), 3)),
+        )
+        head = struct.pack("<IIIBBBB", MAGIC, VERSION, len(self.position), 0, bits, 0, 0)
+        return gzip.compress(head + b"".join(np.ascontiguousarray(part).tobytes() for part in parts), mtime=0)
+
+
+def _byte(values: np.ndarray) -> np.ndarray:
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+
+
+def gaussian_width(kernel: Kernel) -> tuple[float, float]:
+    """Standard deviation, in voxels, of the Gaussian whose footprint is nearest to a kernel's, and the root mean square of
+    the difference over the kernel's disc, as a share of the peak.
+    """
+    d = np.linspace(0, kernel.radius, 512)
+    shape = kernel.footprint(d) / kernel.footprint(np.zeros(()))
+    widths = np.linspace(0.3, 1.5, 1201)[:, None]
+    apart = (np.exp(-0.5 * (d / widths) ** 2) - shape) ** 2 @ d / d.sum()
+    best = int(apart.argmin())
+    return float(widths[best, 0]), float(np.sqrt(apart[best]))
+
+
+def quaternion(turn: np.ndarray) -> np.ndarray:
+    """Unit quaternion w, x, y, z [4] of a rotation [3, 3]."""
+    # the eigenvector of the largest eigenvalue of the symmetric matrix of the rotation
+    (a, b, c), (d, e, f), (g, h, i) = turn
+    matrix = np.array(
+        [
+            [a + e + i, h - f, c - g, d - b],
+            [h - f, a - e - i, b + d, c + g],
+            [c - g, b + d, e - a - i, f + h],
+            [d - b, c + g, f + h, i - a - e],
+        ]
+    )
+    return np.asarray(np.linalg.eigh(matrix)[1][:, -1])
