@@ -13,7 +13,7 @@ from pathlib import Path
 
 from splatgl.animation.api import TIMES
 from splatgl.data.volume import ArrayOptions
-from splatgl.export.api import ExportOptions
+from splatgl.exporters.api import ExportOptions
 from splatgl.options import keywords_of
 from splatgl.readers.options import LoadOptions
 from splatgl.scene.api import GROUPS, KEYWORDS

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from splatgl.distributed.render import render_slabs as render_slabs
     from splatgl.errors import InputError as InputError
     from splatgl.errors import InputWarning as InputWarning
-    from splatgl.export.api import export as export
+    from splatgl.exporters.api import export as export
     from splatgl.geometry.camera import Camera as Camera
     from splatgl.geometry.scissors import Scissors as Scissors
     from splatgl.geometry.slices import Slice as Slice
@@ -107,7 +107,7 @@ _PUBLIC = {
     "judge": "splatgl.comparison.verdict",
     "depth_map": "splatgl.scene.api",
     "default_transfer": "splatgl.transfer.presets",
-    "export": "splatgl.export.api",
+    "export": "splatgl.exporters.api",
     "extract": "splatgl.splat.extract",
     "load": "splatgl.readers",
     "load_mesh": "splatgl.readers.meshes",

@@ -27,8 +27,8 @@ from splatgl.data.arrays import ArrayWindow
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Places, Volume, triple, with_parts
 from splatgl.errors import expected, import_extra, missing_extra
-from splatgl.export.api import ExportOptions
-from splatgl.export.api import write as write_scene
+from splatgl.exporters.api import ExportOptions
+from splatgl.exporters.api import write as write_scene
 from splatgl.fileio import atomic_folder, check_folder, check_output, check_source
 from splatgl.geometry.clipping import crop_ends
 from splatgl.options import ValueKind, declared

@@ -73,9 +73,9 @@ def draw_quantized(renderer: Renderer, splats: QuantizedSplats, camera: Camera, 
         target.clear()
         if len(splats):
             view = planned.view
-            eye = view.eye_index if view.perspective else -np.inf * np.sign(view.index_from_eye[:, 2])
+            eye = view.eye_index if view.perspective else np.where(view.index_from_eye[:, 2] >= 0, -np.inf, np.inf)
             numbers = np.zeros((len(splats), 4), np.uint32)
-            numbers[:, 0] = splats.back_to_front(np.nan_to_num(eye, nan=-1.0), order_for(outline, camera).axis)
+            numbers[:, 0] = splats.back_to_front(eye, order_for(outline, camera).axis)
             held.append(ctx.buffer(numbers.tobytes()))
             held.append(ctx.vertex_array(program, [(held[-1], "4u4/i", "in_first")]))
             held[-1].render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(splats))

@@ -21,7 +21,7 @@ from splatgl.annotations.bars import MOST_TICKS, ticks
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.image import Image
 from splatgl.errors import expected
-from splatgl.export.layers import quantize
+from splatgl.exporters.layers import quantize
 from splatgl.fileio import format_bytes
 from splatgl.geometry.camera import Camera
 from splatgl.gl.features import FRAME, frame_block, style_block
@@ -97,7 +97,7 @@ def over(pixels: np.ndarray, ground: np.ndarray) -> np.ndarray:
 
 def _html(scene: OpenScene | SubjectView, page: Page, planned: Plan, command: str) -> str:
     """The text of a page."""
-    here = files("splatgl.export")
+    here = files("splatgl.exporters")
     data, planes = page.splats.packed()
     settings = planned.settings
     described = _described(scene, page.splats, planned) | {"planes": planes}

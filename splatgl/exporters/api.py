@@ -131,7 +131,7 @@ def write(
     if kind == "glb":
         write_surfaces(scene, path, tell)
     elif kind == "html":
-        from splatgl.export.page import make_page
+        from splatgl.exporters.page import make_page
 
         page = make_page(scene, how, options.splats, options.bits, command)
         tell(page.summary(path))
@@ -150,8 +150,8 @@ def write_gaussians(
     scene: OpenScene | SubjectView, path: Path, kind: str, options: ExportOptions, tell: Callable[[str], None]
 ) -> None:
     """Writes the splats of a scene as 3-D Gaussians, lit as in its view."""
-    from splatgl.export.layers import quantize
-    from splatgl.export.page import page_settings
+    from splatgl.exporters.layers import quantize
+    from splatgl.exporters.page import page_settings
     from splatgl.gl.quantized import quantized_plan
     from splatgl.splat.lighting import surface_light
     from splatgl.writers.gaussians import Gaussians

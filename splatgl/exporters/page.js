@@ -203,7 +203,8 @@ class Painter {
   // Opacity times a factor, values moved by a share of the range: of all layers.
   classify(factor, shift) {
     const gl = this.gl, { classes, layers } = this.scene, all = new Float32Array(4 * classes * layers.length);
-    this.tables.forEach((table, n) => all.set(classified(table, factor, layers[n].own ? 0 : shift), 4 * classes * n));
+    this.shown = this.tables.map((table, n) => classified(table, factor, layers[n].own ? 0 : shift));
+    this.shown.forEach((table, n) => all.set(table, 4 * classes * n));
     gl.bindTexture(gl.TEXTURE_2D, this.classes);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, classes, layers.length, gl.RGBA, gl.FLOAT, all);
   }
@@ -340,7 +341,7 @@ function overlay(svg, scene, camera, target, size, extent, tables, ink) {
     line(right - length / pitch, height - em, right, height - em, { "stroke-width": 3 });
     text(right - length / pitch / 2, height - 1.6 * em, lengthText(length, scene.unit));
   }
-  const middle = [3.2 * em, height - 3.2 * em], columns = transposed(camera.axes);
+  const middle = [3.6 * em, height - 3.6 * em], columns = transposed(camera.axes);
   [0, 1, 2].sort((a, b) => columns[b][2] - columns[a][2]).forEach((axis) => {
     const [x, y] = columns[axis].map((part) => part * 2 * em);
     line(...middle, middle[0] + x, middle[1] + y, { stroke: ["#d9483b", "#4d9a3a", "#3d7de0"][axis], "stroke-width": 2 });
@@ -356,7 +357,7 @@ function overlay(svg, scene, camera, target, size, extent, tables, ink) {
       return cssColor(table.slice(entry, entry + 3));
     });
     stops.forEach((fill, n) =>
-      parts.push(element("rect", { x: left, y: top + (n * tall) / rows, width: em, height: tall / rows + 0.6, fill })));
+      parts.push(element("rect", { x: left, y: top + (n * tall) / rows, width: em, height: tall / rows + 0.6, fill, "shape-rendering": "crispEdges" })));
     bar.ticks.forEach((value) => {
       const y = top + ((bar.high - value) / (bar.high - bar.low)) * tall;
       line(left - 4, y, left, y);
@@ -471,7 +472,7 @@ class View {
       this.stage.classList.add("live");
     }
     const luminance = dot(background, [0.21, 0.72, 0.07]), ink = luminance < 0.2 ? "#fff" : "#000";
-    const tables = this.painter?.tables ?? this.scene.layers.map((x) => new Float32Array(bytesOf(x.table).buffer));
+    const tables = this.painter?.shown ?? this.scene.layers.map((x) => new Float32Array(bytesOf(x.table).buffer));
     overlay(this.svg, this.scene, this.camera, this.target, [width, height], extent, tables, ink);
     this.stage.style.background = cssColor(background);
     clearTimeout(this.rest);
@@ -575,4 +576,5 @@ async function start() {
   return view;
 }
 
+View.frameBlock = frameBlock;
 globalThis.splatgl = start();

@@ -1,0 +1,320 @@
+"""Pages of `splatgl export`: what is in them, and what they draw, against float64 and the default picture."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+import splatgl as sg
+from splatgl.cli.main import main
+from splatgl.exporters.layers import quantize
+from splatgl.exporters.page import camera_json, make_page, over, page_settings
+from splatgl.gl.features import FRAME, frame_block
+from splatgl.gl.quantized import draw_quantized, quantized_plan
+from splatgl.scene.api import opened, scene_of
+from splatgl.scene.draw import DrawOptions
+from splatgl.splat.kernels import kernel
+from splatgl.splat.quantized import QuantizedSplats
+from tests.helpers.page_reference import BROWSER, PageSplats, draw, in_browser, part
+
+# largest and root mean square difference of a page from the float64 reference of its splats, linear light: the guide's;
+# where voxels are much smaller than a pixel, half floats lose more of their faint opacities
+MOST, MOST_RMS, MOST_FAR = 4 / 255, 1 / 255, 10 / 255
+KERNEL = kernel("crawfis-max")
+SIZE = 40
+
+
+def blobs(spacing: tuple[float, float, float] = (1.0, 1.0, 1.0), tilt: bool = False) -> sg.Volume:
+    """Soft balls in 14×12×10 voxels."""
+    z, y, x = np.mgrid[0:10, 0:12, 0:14].astype(float)
+    values = 200 * np.exp(-((x - 5) ** 2 + (y - 5) ** 2 + (z - 4) ** 2) / 12)
+    values += 120 * np.exp(-((x - 10) ** 2 + (y - 8) ** 2 + (z - 6) ** 2) / 6)
+    turn = np.linalg.qr(np.array([[1, 0.3, 0], [-0.2, 1, 0.1], [0, 0.3, 1.0]]))[0] if tilt else np.eye(3)
+    return sg.Volume(values.astype(np.float32), spacing, (3.0, -2.0, 5.0), turn, name="blobs")
+
+
+LOOK = {"points": [(20, 0.0), (120, 0.5), (200, 0.9)], "colormap": "hot", "window": (20, 200)}
+SCENES = {
+    "cubes": (blobs(), {**LOOK, "shading": "on"}),
+    "long voxels, tilted": (blobs((1.0, 0.8, 2.5), tilt=True), LOOK),
+    "parallel": (blobs(), {**LOOK, "view": sg.View(orthographic=True, elevation=50)}),
+    "far": (blobs(), {**LOOK, "zoom": 0.2}),
+    "colours of its own": (sg.scenes.tunnel(), {"size": 24, "crop": "0:40,0:40,100:104"}),
+}
+
+
+def page_of(name: str, most: int = 600, **more: object) -> tuple[str, QuantizedSplats]:
+    volume, options = SCENES[name]
+    options = {"size": SIZE, **options, **more}
+    scene = opened(scene_of(volume, None, None, None, options))
+    page = make_page(scene, DrawOptions(is_shared=True), most, 8, "splatgl export blobs")
+    return page.html, page.splats
+
+
+@pytest.mark.parametrize("name", [name for name in SCENES if name != "colours of its own"])
+def test_pages_agree_with_float64(name: str, renderer: sg.Renderer) -> None:
+    """By the shaders of pages in OpenGL, from what a page holds; half-float targets."""
+    html, splats = page_of(name)
+    volume, options = SCENES[name]
+    scene = opened(scene_of(volume, None, None, None, {"size": SIZE, **options}))
+    settings = page_settings(scene.settings)
+    page = PageSplats(html)
+    assert len(page.position) == len(splats) <= 600 < splats.found or splats.found <= 600
+    for camera in (scene.camera, replace(scene.camera, eye=scene.camera.eye + 0.7)):
+        found = draw_quantized(renderer, splats, camera, settings)
+        right = draw(page, camera_json(camera), KERNEL)
+        assert right[..., 3].max() > 0.3
+        assert np.abs(found - right).max() < (MOST_FAR if name == "far" else MOST)
+        assert np.sqrt(np.mean((found - right) ** 2)) < MOST_RMS
+
+
+def test_a_page_holds_what_it_says(tmp_path: Path) -> None:
+    target = tmp_path / "blobs.html"
+    assert sg.export(blobs(), target, size=SIZE, splats=300, **LOOK) == target
+    html = target.read_text("utf-8")
+    assert not re.search(r'(?:src|href)="(?!data:)', html) and "http" not in re.sub(r"http://www.w3.org/2000/svg|http-equiv", "", html)
+    # the first picture is the default one
+    png = re.findall(r'src="data:image/png;base64,(.*?)"', html)[0]
+    shown = np.asarray(Pillow.open(io.BytesIO(base64.b64decode(png))).convert("RGB"))
+    default = sg.render(blobs(), size=SIZE, **LOOK)
+    assert np.array_equal(shown, default.samples8((0, 0, 0))[..., :3])
+    scene = json.loads(part(html, "scene"))
+    assert scene["count"] <= 300 and [layer["name"] for layer in scene["layers"]] == ["blobs"]
+    assert re.search(r"RMSE [\d.]+ levels of 255", html) and "joined from" in html
+    for word in ("aria-label", "Opacity", "Window", "Full screen", "prefers-color-scheme", "@media print", "sg.export("):
+        assert word in html
+
+
+def test_the_stated_error_is_that_of_the_splats(renderer: sg.Renderer) -> None:
+    volume, options = SCENES["cubes"]
+    scene = opened(scene_of(volume, None, None, None, {"size": SIZE, **options}))
+    page = make_page(scene, DrawOptions(is_shared=True), 10_000, 8, "")
+    right = draw(PageSplats(page.html), camera_json(scene.camera), KERNEL)
+    ground = np.array(scene.settings.ground or (0, 0, 0))
+    levels = 255 * (over(right, ground) - over(page.image.pixels, ground))
+    assert page.rmse == pytest.approx(np.sqrt(np.mean(levels**2)), abs=0.25)
+    # fewer splats, a larger error
+    assert make_page(scene, DrawOptions(is_shared=True), 100, 8, "").rmse > page.rmse > 0
+
+
+def test_packed_splats_are_read_back() -> None:
+    _, splats = page_of("cubes")
+    data, about = splats.packed()
+    assert np.array_equal(QuantizedSplats.unpacked(data, about, len(splats)), splats.words)
+    # a shaded splat takes few bytes
+    assert len(data) < 8 * len(splats)
+
+
+def test_quantisation(renderer: sg.Renderer) -> None:
+    """Positions are exact, opacities within a step of shares, values within half a step, normals within 1°."""
+    volume = blobs()
+    scene = opened(scene_of(volume, None, None, None, {"size": SIZE, **LOOK, "shading": "on"}))
+    settings = page_settings(scene.settings)
+    exact = sg.extract(volume, scene.scene.shown[0].seen, classification="pre")
+    for bits in (8, 16):
+        splats = quantize(scene, settings, 10**6, bits, [])
+        assert len(splats) == len(exact) and (splats.sizes == 1).all()
+        world = splats.positions @ splats.grid.world_from_index.T + splats.grid.origin
+        right = exact.positions @ exact.grid.world_from_index.T + exact.grid.origin
+        assert np.abs(world - right).max() < 1e-9
+        color, depth = splats.classified()
+        faint = exact.depths > 1e-3
+        assert np.abs(np.log2(depth / exact.depths)[faint]).max() < 1 / 31
+        assert np.abs(color - exact.colors).max() < (0.02 if bits == 8 else 0.01)
+        normal = exact.records["normal"] / 32767.0
+        lit = np.linalg.norm(normal, axis=1) > 0.5
+        assert (splats.normals * normal).sum(axis=1)[lit].min() > np.cos(np.radians(1))
+        assert not splats.normals[~lit].any()
+
+
+def test_joined_splats_keep_matter(renderer: sg.Renderer) -> None:
+    """Optical depth along axes is kept on average, and hidden matter is joined before what is seen."""
+    samples = np.zeros((24, 24, 24), np.uint8)
+    samples[4:20, 4:20, 4:20] = 200
+    transfer = sg.Transfer([(100, 0.0), (200, 0.9)], "gray", shading=False)
+    scene = opened(scene_of(sg.Volume(samples), transfer, None, None, {"size": SIZE}))
+    splats = quantize(scene, page_settings(scene.settings), 3000, 8, [])
+    assert len(splats) <= 3000 < splats.found == 16**3
+    large = splats.sizes > 1
+    depth = np.abs(splats.positions - splats.positions.mean(axis=0)).max(axis=1)
+    assert large.any() and depth[large].max() < depth.max() - 1
+    _, tau = splats.classified()
+    assert (tau * splats.sizes**3).sum() == pytest.approx(16**3 * -np.log(0.1), rel=0.03)
+    few = quantize(scene, page_settings(scene.settings), 8, 8, [])
+    assert len(few) <= 8
+
+
+def test_layers_share_a_page(tmp_path: Path, renderer: sg.Renderer) -> None:
+    """Layers on one grid keep it; others are resampled to that of the finest; the picture has both."""
+    one, two = blobs(), replace(blobs((2.0, 2.0, 2.0)), name="coarse")
+    scene = sg.Scene([sg.Layer(one, sg.Transfer(**LOOK)), sg.Layer(two, sg.Transfer([(30, 0), (150, 0.5)], "viridis"))])
+    view = opened(scene_of(scene, None, None, None, {"size": (SIZE, SIZE)}))
+    notes = list[str]()
+    splats = quantize(view, page_settings(view.settings), 10**5, 8, notes)
+    assert [layer.name for layer in splats.layers] == ["blobs", "coarse"] and "resampled" in notes[0]
+    assert set(np.unique(splats.words[:, 2] >> 27)) == {0, 1}
+    target = sg.export(scene, tmp_path / "two.html", size=(SIZE, SIZE))
+    page = PageSplats(target.read_text("utf-8"))
+    right = draw(page, camera_json(view.camera), KERNEL)
+    found = draw_quantized(renderer, splats, view.camera, page_settings(view.settings))
+    assert np.abs(found - right).max() < MOST
+
+
+def test_points_are_in_a_page(tmp_path: Path) -> None:
+    points = np.random.default_rng(3).uniform(0, 10, (200, 3))
+    splats = sg.Splats.from_points(points, np.full((200, 3), 0.5), np.full(200, 2.0), spacing=0.5)
+    page = PageSplats(sg.export(splats, tmp_path / "points.html", size=SIZE).read_text("utf-8"))
+    grid = page.scene["grid"]
+    world = page.position @ np.array(grid["matrix"]).T + grid["origin"]
+    apart = np.linalg.norm(world[:, None] - points[None], axis=2).min(axis=1)
+    assert len(world) == 200 and apart.max() < 1e-3
+    with pytest.raises(sg.InputError, match="splats: expected at least 200"):
+        sg.export(splats, tmp_path / "few.html", size=SIZE, splats=50)
+
+
+def test_frames_of_pages_are_those_of_opengl() -> None:
+    """The page's module writes the fields that it needs by these offsets."""
+    html, splats = page_of("cubes")
+    scene = json.loads(part(html, "scene"))
+    assert scene["frame"]["size"] == FRAME.itemsize
+    assert scene["frame"]["offsets"]["pixel_pitch"] == FRAME.fields["pixel_pitch"][1]
+    assert len(splats) == scene["count"]
+
+
+BAD = [
+    (["blobs.txt"], "a name that ends in .html"),
+    (["blobs.html", "--splats", "0"], "a whole number"),
+    (["blobs.html", "--blend", "xray"], "blend of a page: expected composite, got xray"),
+    (["blobs.html", "--max-size", "1kB"], "expected a page of at most"),
+    (["missing/blobs.html", "--format", "obj"], "invalid choice"),
+    (["blobs.html", "--points", "900:0,1000:1"], "expected"),
+    (["blobs.glb"], "expected iso-surfaces, meshes or streamlines, got none"),
+]
+
+
+@pytest.mark.parametrize(("words", "message"), BAD, ids=lambda x: " ".join(x) if isinstance(x, list) else "")
+def test_bad_input_is_one_line(
+    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "blobs.nrrd"
+    blobs().save(source)
+    try:
+        code = main(["export", str(source), "--size", "32", "-o", str(tmp_path / words[0]), *words[1:]])
+    except SystemExit as error:
+        code = error.code
+    (line,) = capsys.readouterr().err.splitlines()
+    assert code == 2 and message in line
+    assert not list(tmp_path.glob("blobs.html*"))
+
+
+def test_a_folder_is_no_page(tmp_path: Path) -> None:
+    (tmp_path / "x.html").mkdir()
+    with pytest.raises(sg.InputError, match="expected a file to write, got a directory"):
+        sg.export(blobs(), tmp_path / "x.html")
+
+
+def test_the_command_tells_size_and_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, target = tmp_path / "blobs.nrrd", tmp_path / "blobs.html"
+    blobs().save(source)
+    assert main(["export", str(source), "-o", str(target), "--size", "32", "--splats", "500"]) == 0
+    told = r"blobs.html: [\d.]+ KiB, \d+ splats of [\d,]+ voxels, RMSE [\d.]+ levels of 255"
+    assert re.search(told, capsys.readouterr().out)
+    html = target.read_text("utf-8")
+    assert "splatgl" in html and str(tmp_path) not in html
+
+
+CAMERAS = """
+const found = [];
+for (const [camera, antialias] of CAMERAS) {
+  found.push(Array.from(view.painter.pixels(camera, camera.size, antialias, (each) => each.extent)));
+}
+return found;
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", SCENES)
+def test_browsers_agree_with_float64(name: str, tmp_path: Path) -> None:
+    """Chromium draws the splats of a page from several sides; so does float64."""
+    if BROWSER is None:
+        pytest.skip("Chromium is not here")
+    html, _ = page_of(name)
+    page, home = PageSplats(html), json.loads(part(html, "scene"))["camera"]
+    views = [(home, True), (home, False)]
+    for turn in (70.0, 140.0, 250.0):
+        volume, options = SCENES[name]
+        more = {} if name == "colours of its own" else {"azimuth": turn, "elevation": turn / 4}
+        camera = opened(scene_of(volume, None, None, None, {"size": SIZE, **options, **more})).camera
+        views.append((camera_json(camera), True))
+    script = CAMERAS.replace("CAMERAS)", f"{json.dumps(views)})")
+    for (camera, antialias), pixels in zip(views, in_browser(html, script, tmp_path), strict=True):
+        width, height = camera["size"]
+        found, right = np.array(pixels).reshape(height, width, 4), draw(page, camera, KERNEL, antialias)
+        assert right[..., 3].max() > 0.3
+        assert np.abs(found - right).max() < (MOST_FAR if name == "far" else MOST)
+        assert np.sqrt(np.mean((found - right) ** 2)) < MOST_RMS
+
+
+@pytest.mark.long
+def test_a_page_in_a_browser(tmp_path: Path) -> None:
+    """Its module draws what was told, turns, zooms, cuts, moves the window, and resets."""
+    if BROWSER is None:
+        pytest.skip("Chromium is not here")
+    volume, options = SCENES["cubes"]
+    scene = opened(scene_of(volume, None, None, None, {"size": SIZE, **options}))
+    page = make_page(scene, DrawOptions(is_shared=True), 600, 8, "")
+    script = """
+    const shot = () => Array.from(view.painter.pixels(view.camera, [SIZE, SIZE], true, (each) => each.extent));
+    const size = [SIZE, SIZE], block = (name, count) => {
+      const { block } = Object.getPrototypeOf(view).constructor.frameBlock(view.camera, scene.grid, scene.frame, size, (each) => each.extent);
+      return Array.from(block.slice(scene.frame.offsets[name] / 4, scene.frame.offsets[name] / 4 + count));
+    };
+    const found = { first: shot(), live: view.stage.classList.contains("live"), state: document.getElementById("state").textContent };
+    found.frame = Object.fromEntries(["eye_from_index", "index_from_eye", "eye_from_world", "base", "eye_from_base",
+      "clip_scale", "pixel_pitch", "near", "image_center", "blur"].map((name) => [name, block(name, NUMBERS[name])]));
+    view.press("ArrowLeft"); found.turned = shot(); view.press("r");
+    view.zoom(2); found.near = shot(); view.press("r");
+    view.cut("0-", 0.5); found.cut = shot(); view.cut("", 0);
+    view.painter.classify(0.2, 0); found.faint = shot();
+    view.painter.classify(1, 0.3); found.moved = shot(); view.painter.classify(1, 0);
+    found.again = shot();
+    found.texts = [...view.svg.querySelectorAll("text")].map((each) => each.textContent);
+    return found;
+    """
+    names = ("eye_from_index", "index_from_eye", "eye_from_world", "base", "eye_from_base")
+    names += ("clip_scale", "pixel_pitch", "near", "image_center", "blur")
+    numbers = {name: FRAME.fields[name][0].itemsize // 4 for name in names}
+    found = in_browser(page.html, script.replace("SIZE", str(SIZE)).replace("NUMBERS[", f"({json.dumps(numbers)})["), tmp_path)
+    first = np.array(found["first"]).reshape(SIZE, SIZE, 4)
+    assert found["live"] and found["state"] == "" and found["again"] == found["first"]
+    # the picture whose error the page states
+    assert np.abs(first - page.pixels).max() < MOST
+    ground = np.array(scene.settings.ground or (0, 0, 0))
+    levels = 255 * (over(first, ground) - over(page.image.pixels, ground))
+    assert np.sqrt(np.mean(levels**2)) == pytest.approx(page.rmse, abs=0.2)
+    planned = quantized_plan(page.splats, scene.camera, page_settings(scene.settings))
+    block = frame_block(planned.splats, planned)
+    for name, values in found["frame"].items():
+        assert np.allclose(np.ravel(block[name]), values, rtol=1e-5, atol=1e-6), name
+    mass = {name: np.array(found[name]).reshape(-1, 4)[:, 3].sum() for name in ("first", "near", "cut", "faint", "moved", "turned")}
+    assert mass["near"] > 1.3 * mass["first"] > mass["first"] > mass["cut"] > 0 and mass["faint"] < 0.8 * mass["first"]
+    assert 0 < mass["moved"] < 0.9 * mass["first"] and found["turned"] != found["first"]
+    assert {"x", "y", "z", "blobs"} <= set(found["texts"])
+
+
+@pytest.mark.long
+def test_a_page_without_webgl_shows_its_picture(tmp_path: Path) -> None:
+    if BROWSER is None:
+        pytest.skip("Chromium is not here")
+    html, _ = page_of("cubes")
+    blocked = html.replace('<script type="module">', "<script>HTMLCanvasElement.prototype.getContext = () => null</script>\n<script type=\"module\">", 1)
+    script = "return [view.stage.classList.contains('live'), document.getElementById('state').textContent, document.getElementById('controls').hidden]"
+    assert in_browser(blocked, script, tmp_path) == [False, "This picture stands still: WebGL 2 is not available.", True]
