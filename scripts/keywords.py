@@ -79,7 +79,7 @@ def compose() -> str:
     lines += write_class("RenderKeywords", "Options of `render`, `show` and `depth_map`.", one, "PictureKeywords")
     lines += write_class("AnimateKeywords", "Options of `animate`.", TIMES, "PictureKeywords")
     about = "Options of `export`."
-    lines += write_class("ExportKeywords", about, keywords_of(ExportOptions), "RenderKeywords")
+    lines += write_class("ExportKeywords", about, {**one, **keywords_of(ExportOptions)}, "PictureKeywords")
     command = [sys.executable, "-m", "ruff", "format", "--stdin-filename", str(TARGET), "-"]
     views = KEYWORDS["view"].annotation.partition(" |")[0]
     text = f"{HEAD}ViewName: TypeAlias = {views}\n" + "\n".join(lines).replace(views, "ViewName") + "\n"

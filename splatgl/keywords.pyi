@@ -261,9 +261,10 @@ class AnimateKeywords(PictureKeywords, total=False):
     bits: Literal[8, 16]
     resume: bool
 
-class ExportKeywords(RenderKeywords, total=False):
+class ExportKeywords(PictureKeywords, total=False):
     """Options of `export`."""
 
+    time: int | float | str | None
     format: Literal["html", "ply", "spz", "glb"] | None
     splats: int
     bits: Literal[8, 16]

@@ -43,7 +43,6 @@ from splatgl.writers import TARGETS, find_target, formats, save
 from splatgl.writers.formats import describe_levels, finer_box, level_boxes, level_grids
 from splatgl.writers.surface import EXTRA, SAVED, iso_mesh, save_mesh
 
-
 EXAMPLES = """examples:
   splatgl export head.nii.gz -o head.html
   splatgl export head.nii.gz --preset ct-bone -o head.html --splats 200000 --max-size 3MB

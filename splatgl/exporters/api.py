@@ -89,14 +89,14 @@ def export(
     settings: Settings | OptionGroup | Any | None = None,
     **options: Unpack[ExportKeywords],
 ) -> Path:
-    """Writes `x` as a page that turns in any browser (.html), as 3-D Gaussians (.ply, .spz), or its iso-surfaces, meshes
-    and streamlines as glTF (.glb); returns the path.
+    """Writes `x` as a page that turns in any browser (.html), as 3-D Gaussians (.ply, .spz), or its iso-surfaces,
+    meshes and streamlines as glTF (.glb); returns the path.
 
     x, transfer, camera, settings: as of `render`. options: those of `render`, and format (html, ply, spz or glb; by
-    default by the ending), splats (at most, 400,000 by default: more voxels are joined to larger splats), bits (8 or 16,
-    of values in a page), max_size (bytes of a page, 10 MB by default). The page states its error against the default
-    picture. Raises InputError as `render`, for a file that cannot be written, for more splats than asked for that cannot
-    be joined, such as points, for a larger page, and for nothing to write.
+    default by the ending), splats (at most, 400,000 by default: more voxels are joined to larger splats), bits (8 or
+    16, of values in a page), max_size (bytes of a page, 10 MB by default). The page states its error against the
+    default picture. Raises InputError as `render`, for a file that cannot be written, for more splats than asked for
+    that cannot be joined, such as points, for a larger page, and for nothing to write.
 
     ```python
     sg.export("head.nii.gz", "head.html", azimuth=60)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,7 +24,9 @@ MOST_VOXELS = 2**27
 HEADROOM = 8.0
 
 
-def quantize(scene: OpenScene | SubjectView, settings: Settings, most: int, bits: int, notes: list[str]) -> QuantizedSplats:
+def quantize(
+    scene: OpenScene | SubjectView, settings: Settings, most: int, bits: int, notes: list[str]
+) -> QuantizedSplats:
     """The splats of a scene, classified before reconstruction, at most `most`; bits: of values. Adds notes. Raises
     InputError for iso-surfaces and for a scene without visible voxels.
     """
@@ -93,7 +93,9 @@ def _resampled(layer: Layer, grid: Grid, settings: Settings) -> tuple[Splats, La
     low, high = np.floor(corners.min(axis=0)).astype(int), np.ceil(corners.max(axis=0)).astype(int)
     shape = (high - low + 1)[::-1]
     if np.prod(shape.astype(float)) > MOST_VOXELS:
-        raise expected(f"layer {volume.name}", f"at most {MOST_VOXELS:,} voxels of the finest layer", f"{np.prod(shape):,}")
+        raise expected(
+            f"layer {volume.name}", f"at most {MOST_VOXELS:,} voxels of the finest layer", f"{np.prod(shape):,}"
+        )
     samples = np.full(shape, np.nan, np.float32)
     y, x = np.mgrid[0 : shape[1], 0 : shape[2]]
     for z in range(shape[0]):
@@ -129,7 +131,14 @@ def _described(splats: Splats, layer: Layer | None) -> tuple[QuantizedLayer, np.
     transfer, volume = (None, None) if layer is None else (layer.seen, layer.volume)
     depths = splats.depths.astype(np.float64)
     plain = transfer is not None and volume is not None and volume.points is None and volume.color is None
-    if transfer is None or volume is None or not plain or transfer.labels or transfer.regions or is_points(splats.records.dtype):
+    if (
+        transfer is None
+        or volume is None
+        or not plain
+        or transfer.labels
+        or transfer.regions
+        or is_points(splats.records.dtype)
+    ):
         table = np.zeros((CLASSES, 4))
         table[:, 3] = max(float(depths.max(initial=0.0)), 1e-30) / HEADROOM
         return QuantizedLayer(splats.name, table, own=True), None
@@ -143,9 +152,7 @@ def _described(splats: Splats, layer: Layer | None) -> tuple[QuantizedLayer, np.
     at = np.linspace(low, high, CLASSES)
     depth = transfer.extinction(transfer.largest_opacity(at), splats.unit / splats.grid.mean_spacing)
     table = np.concatenate([transfer.color(at), depth[:, None]], axis=1)
-    return QuantizedLayer(splats.name, table, low, high), values
-
-
-def named(splats: Sequence[QuantizedLayer]) -> str:
-    """The names of the layers."""
-    return ", ".join(layer.name for layer in splats if layer.name)
+    span = transfer.color_range
+    return QuantizedLayer(
+        splats.name, table, low, high, span=(max(span[0], low), min(span[1], float(values.max())))
+    ), values

@@ -358,6 +358,7 @@ function overlay(svg, scene, camera, target, size, extent, tables, ink) {
     });
     stops.forEach((fill, n) =>
       parts.push(element("rect", { x: left, y: top + (n * tall) / rows, width: em, height: tall / rows + 0.6, fill, "shape-rendering": "crispEdges" })));
+    parts.push(element("rect", { x: left, y: top, width: em, height: tall, fill: "none", stroke: "currentColor" }));
     bar.ticks.forEach((value) => {
       const y = top + ((bar.high - value) / (bar.high - bar.low)) * tall;
       line(left - 4, y, left, y);

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from splatgl import __version__
-from splatgl.annotations.bars import MOST_TICKS, ticks
+from splatgl.annotations.bars import MOST_LETTERS, MOST_TICKS, ticks
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.image import Image
 from splatgl.errors import expected
@@ -41,7 +41,7 @@ DIGITS, MOST_BARS = 9, 3
 
 
 @dataclass(frozen=True, eq=False)
-class Page:
+class WebPage:
     """A page and what is told of it. image: by the default method. pixels: what the page draws of that view. rmse: of
     both in sRGB, levels of 255, over all pixels.
     """
@@ -69,10 +69,12 @@ def page_settings(settings: Settings) -> Settings:
         raise expected("blend of a page", "composite", settings.blend)
     given = {name: value for name, value in vars(SETTINGS).items() if name in SETTINGS.given}
     off = settings.antialias == "off"
-    return settings.replace(**{**given, "antialias": "off" if off else "paper", "ambient_occlusion": 0.0, "shadows": 0.0})
+    return settings.replace(
+        **{**given, "antialias": "off" if off else "paper", "ambient_occlusion": 0.0, "shadows": 0.0}
+    )
 
 
-def make_page(scene: OpenScene | SubjectView, how: DrawOptions, most: int, bits: int, command: str) -> Page:
+def make_page(scene: OpenScene | SubjectView, how: DrawOptions, most: int, bits: int, command: str) -> WebPage:
     """The page of a scene. most: splats; bits: of values; command: that made it."""
     settings, notes = page_settings(scene.settings), list[str]()
     for name in ("ambient_occlusion", "shadows"):
@@ -85,9 +87,9 @@ def make_page(scene: OpenScene | SubjectView, how: DrawOptions, most: int, bits:
     ground = np.array(scene.settings.ground or (0.0, 0.0, 0.0))
     shown = [over(each, ground) for each in (image.pixels, pixels)]
     rmse = 255 * float(np.sqrt(np.mean((shown[0] - shown[1]) ** 2)))
-    page = Page("", splats, image, pixels, rmse, tuple(notes))
+    page = WebPage("", splats, image, pixels, rmse, tuple(notes))
     planned = quantized_plan(splats, scene.camera, settings)
-    return Page(_html(scene, page, planned, command), splats, image, pixels, rmse, tuple(notes))
+    return WebPage(_html(scene, page, planned, command), splats, image, pixels, rmse, tuple(notes))
 
 
 def over(pixels: np.ndarray, ground: np.ndarray) -> np.ndarray:
@@ -95,16 +97,20 @@ def over(pixels: np.ndarray, ground: np.ndarray) -> np.ndarray:
     return srgb_from_linear(np.clip(pixels[..., :3] + (1 - pixels[..., 3:]) * ground, 0, 1))
 
 
-def _html(scene: OpenScene | SubjectView, page: Page, planned: Plan, command: str) -> str:
+def _html(scene: OpenScene | SubjectView, page: WebPage, planned: Plan, command: str) -> str:
     """The text of a page."""
     here = files("splatgl.exporters")
     data, planes = page.splats.packed()
     settings = planned.settings
     described = _described(scene, page.splats, planned) | {"planes": planes}
-    title = _title(scene)
+    title = _title(scene, page.splats)
     width, height = scene.camera.size
     axes = described["letters"]
-    sides = [(f"{axis}{sign}", f"from {side} {axes[axis]}") for axis in range(3) for sign, side in (("-", "low"), ("+", "high"))]
+    sides = [
+        (f"{axis}{sign}", f"from {side} {axes[axis]}")
+        for axis in range(3)
+        for sign, side in (("-", "low"), ("+", "high"))
+    ]
     background = scene.settings.ground
     return Template(here.joinpath("page.html").read_text("utf-8")).substitute(
         version=__version__,
@@ -129,21 +135,23 @@ def _json(value: Any) -> str:
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
 
 
-def _title(scene: OpenScene | SubjectView) -> str:
+def _title(scene: OpenScene | SubjectView, splats: QuantizedSplats) -> str:
     """The title of a scene, or its name."""
     if isinstance(scene, SubjectView):
-        return str(scene.info.get("source") or "splatgl")
+        return str(
+            scene.info.get("source") or ", ".join(layer.name for layer in splats.layers if layer.name) or "splatgl"
+        )
     stated = next((name.partition("=")[2] for name in scene.file.annotate if name.startswith("title=")), "")
     return stated or Path(scene.file.volume).name
 
 
-def _about(scene: OpenScene | SubjectView, page: Page, command: str) -> str:
+def _about(scene: OpenScene | SubjectView, page: WebPage, command: str) -> str:
     """Terms and descriptions: error, provenance, command."""
     splats = page.splats
     joined = f", joined from {splats.found:,} voxels" if splats.found > len(splats) else ""
-    levels = f"RMSE {page.rmse:.1f} levels of 255 (sRGB) over the first view, against the default method, whose picture the page shows first and prints"
+    levels = f"RMSE {page.rmse:.1f} levels of 255 (sRGB) over the first view, against the default method"
     rows = {
-        "Difference": f"{levels}. The page classifies voxels before reconstruction and composites splat by splat.",
+        "Difference": f"{levels}, whose picture the page shows first and prints. The page classifies voxels before reconstruction and composites splat by splat.",
         "Splats": f"{len(splats):,}{joined}, quantised",
         "Source": str(scene.info.get("source", "")) if isinstance(scene, SubjectView) else Path(scene.file.volume).name,
         "Layers": ", ".join(layer.name for layer in splats.layers if layer.name) if len(splats.layers) > 1 else "",
@@ -156,7 +164,12 @@ def _about(scene: OpenScene | SubjectView, page: Page, command: str) -> str:
 
 def web_shaders(planned: Plan) -> dict[str, list[str]]:
     """Texts of vertex and fragment shaders for WebGL 2: with antialiasing, without it, and of the screen."""
-    texts = {"screen": [compose("whole.vert", {}, is_web=True).source, compose("screen.frag", {"OVERLAY": 0}, is_web=True).source]}
+    texts = {
+        "screen": [
+            compose("whole.vert", {}, is_web=True).source,
+            compose("screen.frag", {"OVERLAY": 0}, is_web=True).source,
+        ]
+    }
     for name, is_on in (("on", True), ("off", False)):
         switches = {**quantized_switches(planned), "ANTIALIAS": is_on}
         stages = ("splat.vert", "splat.frag")
@@ -175,7 +188,13 @@ def radial_footprint(kernel: Kernel, count: int = TABLE) -> list[float]:
 def camera_json(camera: Camera) -> dict[str, Any]:
     """A camera as page.js has it."""
     axes, eye = camera.eye_from_world.tolist(), camera.eye.tolist()
-    return {"eye": eye, "axes": axes, "extent": camera.extent, "perspective": camera.perspective, "size": list(camera.size)}
+    return {
+        "eye": eye,
+        "axes": axes,
+        "extent": camera.extent,
+        "perspective": camera.perspective,
+        "size": list(camera.size),
+    }
 
 
 def _described(scene: OpenScene | SubjectView, splats: QuantizedSplats, planned: Plan) -> dict[str, Any]:
@@ -230,7 +249,9 @@ def _bars(scene: OpenScene | SubjectView, splats: QuantizedSplats) -> list[dict[
         title = layer.name
         if isinstance(scene, OpenScene) and len(splats.layers) == 1:
             title = scene.annotated_subject.value_name or title
-        marks = ticks(layer.low, layer.high, MOST_TICKS)
-        ends = {"low": layer.low, "high": layer.high, "first": layer.low, "last": layer.high}
-        bars.append({"layer": number, "title": title, "ticks": marks, **ends})
+        low, high = layer.span
+        if low < high:
+            title = title if len(title) <= MOST_LETTERS else f"{title[: MOST_LETTERS - 1]}…"
+            ends = {"low": low, "high": high, "first": layer.low, "last": layer.high}
+            bars.append({"layer": number, "title": title, "ticks": ticks(low, high, MOST_TICKS), **ends})
     return bars

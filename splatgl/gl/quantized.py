@@ -7,10 +7,10 @@ import numpy as np
 
 from splatgl.geometry.camera import Camera
 from splatgl.gl.buffers import texel_texture
+from splatgl.gl.context import current
 from splatgl.gl.features import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.gl.program import Switches, set_uniforms, splat_switches, use_blend
 from splatgl.gl.renderer import Renderer
-from splatgl.gl.context import current
 from splatgl.planning.culling import order_for
 from splatgl.planning.plan import Plan, plan
 from splatgl.splat.quantized import QUANTIZED_ROW, QuantizedSplats
@@ -45,7 +45,9 @@ def quantized_switches(planned: Plan) -> Switches:
     return {**splat_switches(planned.program), "QUANTIZED": True, "POINTS": False}
 
 
-def draw_quantized(renderer: Renderer, splats: QuantizedSplats, camera: Camera, settings: Settings = SETTINGS) -> np.ndarray:
+def draw_quantized(
+    renderer: Renderer, splats: QuantizedSplats, camera: Camera, settings: Settings = SETTINGS
+) -> np.ndarray:
     """The picture of the splats, linear premultiplied float32 [H, W, 4], row 0 on top, without a background."""
     planned, ctx, device = quantized_plan(splats, camera, settings), renderer.ctx, renderer.passes.device
     outline = planned.splats

@@ -37,7 +37,7 @@ MOST_CELLS = 2**28
 class QuantizedLayer:
     """A layer's table. table [CLASSES, 4]: linear RGB and optical depth per mean spacing, of values from low to high.
 
-    own: whether splats have colours of their own, and no values.
+    own: whether splats have colours of their own, and no values. span: values that the colours span.
     """
 
     name: str
@@ -45,6 +45,7 @@ class QuantizedLayer:
     low: float = 0.0
     high: float = 1.0
     own: bool = False
+    span: tuple[float, float] = (0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +80,9 @@ class Matter:
         return len(self.depth)
 
     @cached_property
-    def blocks(self) -> Blocks:
+    def blocks(self) -> VoxelBlocks:
         """The blocks that the voxels may be joined to."""
-        return Blocks.of(self)
+        return VoxelBlocks.of(self)
 
     def joined(self, limit: float) -> Matter:
         """The matter with the blocks joined that cost at most `limit` per saved splat."""
@@ -91,7 +92,12 @@ class Matter:
 def _spread(cells: np.ndarray) -> np.ndarray:
     """Bits of cells [N] (up to 16), two zeros after each."""
     x = cells.astype(np.uint64)
-    for shift, mask in ((16, 0xFF0000FF0000FF), (8, 0xF00F00F00F00F00F), (4, 0x30C30C30C30C30C3), (2, 0x9249249249249249)):
+    for shift, mask in (
+        (16, 0xFF0000FF0000FF),
+        (8, 0xF00F00F00F00F00F),
+        (4, 0x30C30C30C30C30C3),
+        (2, 0x9249249249249249),
+    ):
         x = (x | (x << np.uint64(shift))) & np.uint64(mask)
     return x
 
@@ -120,9 +126,9 @@ def _buried(cells: np.ndarray, depth: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
-    """Blocks of voxels in Morton order. order [N]: that sorts the voxels. starts: of blocks in that order, by level from
-    1; parents: number of the block twice as large; cost: of joining per saved splat.
+class VoxelBlocks:
+    """Blocks of voxels in Morton order. order [N]: that sorts the voxels. starts: of blocks in that order, by level
+    from 1; parents: number of the block twice as large; cost: of joining per saved splat.
     """
 
     order: np.ndarray
@@ -131,7 +137,7 @@ class Blocks:
     cost: list[np.ndarray]
 
     @classmethod
-    def of(cls, matter: Matter) -> Blocks:
+    def of(cls, matter: Matter) -> VoxelBlocks:
         """The blocks of voxels, and the costs of joining them."""
         cells = np.rint(matter.position).astype(np.int64)
         key = _spread(cells[:, 0]) | (_spread(cells[:, 1]) << np.uint64(1)) | (_spread(cells[:, 2]) << np.uint64(2))
@@ -181,7 +187,9 @@ class Blocks:
     def count(self, limit: float) -> int:
         """Number of splats."""
         joined = self.chosen(limit)
-        members = [np.diff(np.append(start, len(self.order)))[join] for start, join in zip(self.starts, joined, strict=True)]
+        members = [
+            np.diff(np.append(start, len(self.order)))[join] for start, join in zip(self.starts, joined, strict=True)
+        ]
         return len(self.order) - sum(int((each - 1).sum()) for each in members)
 
     def joined(self, matter: Matter, limit: float) -> Matter:
@@ -223,7 +231,9 @@ class Blocks:
             member = matter.values[index]
             values = average(member[:, None])[:, 0]
             # a mean of two kinds of matter may be transparent
-            depths = np.interp(values, np.linspace(matter.layer.low, matter.layer.high, CLASSES), matter.layer.table[:, 3])
+            depths = np.interp(
+                values, np.linspace(matter.layer.low, matter.layer.high, CLASSES), matter.layer.table[:, 3]
+            )
             values = np.where(depths < 0.5 * mean, member[densest], values)
         return Matter(matter.layer, average(position), mean, average(matter.color[index]), turned, values, side)
 
@@ -286,7 +296,9 @@ class QuantizedSplats:
         step = 1 / STEPS if fine else max(reach, 1.0) / 65535
         if reach / step > 65535:
             raise expected("grid", f"at most {65535 // STEPS:,} voxels along each axis", f"{reach:,.0f}")
-        words = np.concatenate([np.zeros((0, 4), np.uint32), *(_words(m, n, step, bits) for n, m in enumerate(matters))])
+        words = np.concatenate(
+            [np.zeros((0, 4), np.uint32), *(_words(m, n, step, bits) for n, m in enumerate(matters))]
+        )
         x, y, z = (words[:, 0] & 0xFFFF, words[:, 0] >> 16, words[:, 1] & 0xFFFF)
         return cls(words[np.lexsort((x, y, z))], grid, step, tuple(matter.layer for matter in matters), found)
 
@@ -312,8 +324,8 @@ class QuantizedSplats:
         return assemble(records, np.rint(corners).astype(np.int64), self.grid, self.grid.mean_spacing, "page", shaded)
 
     def back_to_front(self, eye: np.ndarray, axis: int) -> np.ndarray:
-        """Order [N] of the splats seen from a place (x, y, z) in cells, ±∞ for parallel views: along each axis from both
-        ends to the eye, plane by plane across `axis`. A page walks sorted rows, and sorts nothing for a view.
+        """Order [N] of the splats seen from a place (x, y, z) in cells, ±∞ for parallel views: along each axis from
+        both ends to the eye, plane by plane across `axis`. A page walks sorted rows, and sorts nothing for a view.
         """
         position = self.positions
         # what is beyond the eye follows what is before it, in the opposite order
@@ -366,7 +378,7 @@ class QuantizedSplats:
             else:
                 about.append([2, len(kept)])
                 kept.append(plane.tobytes())
-        return zlib.compress(b"".join(kept), 9), about
+        return zlib.compress(b"".join(kept)), about
 
     @classmethod
     def unpacked(cls, data: bytes, about: Sequence[Sequence[int]], count: int) -> np.ndarray:
@@ -374,7 +386,9 @@ class QuantizedSplats:
         planes = np.frombuffer(zlib.decompress(data), np.uint8).reshape(-1, max(count, 1))
         columns = list[np.ndarray]()
         for kind, number in about:
-            columns.append(np.full(count, number, np.uint8) if kind == 0 else (columns if kind == 1 else planes)[number])
+            columns.append(
+                np.full(count, number, np.uint8) if kind == 0 else (columns if kind == 1 else planes)[number]
+            )
         halves = np.ascontiguousarray(np.stack(columns, axis=1)).view("<u2")
         halves[:, :3] = np.cumsum(halves[:, :3], axis=0, dtype=np.uint16)
         return np.ascontiguousarray(halves).view("<u4")
@@ -399,7 +413,9 @@ def _words(matter: Matter, number: int, step: float, bits: int) -> np.ndarray:
     if layer.own:
         r, g, b = np.rint(srgb_from_linear(np.clip(matter.color, 0, 1)) * 255).astype(np.uint32).T
         color = r | g << 8 | b << 16 | 1 << 24
-    return np.stack([x | y << 16, z | value << 16, normal | code << 16 | size << 24 | np.uint32(number) << 27, color], axis=1)
+    return np.stack(
+        [x | y << 16, z | value << 16, normal | code << 16 | size << 24 | np.uint32(number) << 27, color], axis=1
+    )
 
 
 def _octahedral(normal: np.ndarray) -> np.ndarray:

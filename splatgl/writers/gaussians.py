@@ -1,5 +1,6 @@
-"""Splats as 3-D Gaussians, in the layouts that viewers of Gaussian splatting read: PLY of 3-D Gaussian splatting, and SPZ
-(version 2). Positions are in world units and axes; colours are spherical harmonics of degree 0.
+"""Splats as 3-D Gaussians, in the layouts that viewers of Gaussian splatting read: PLY, and SPZ of version 2.
+
+Positions are in world units and axes; colours are spherical harmonics of degree 0.
 """
 
 from __future__ import annotations
@@ -105,8 +106,8 @@ def _byte(values: np.ndarray) -> np.ndarray:
 
 
 def gaussian_width(kernel: Kernel) -> tuple[float, float]:
-    """Standard deviation, in voxels, of the Gaussian whose footprint is nearest to a kernel's, and the root mean square of
-    the difference over the kernel's disc, as a share of the peak.
+    """Standard deviation, in voxels, of the Gaussian whose footprint is nearest to a kernel's, and the root mean square
+    of the difference over the kernel's disc, as a share of the peak.
     """
     d = np.linspace(0, kernel.radius, 512)
     shape = kernel.footprint(d) / kernel.footprint(np.zeros(()))

@@ -28,6 +28,7 @@ LEVELS = (
     ("distributed",),
     ("scene",),
     ("animation",),
+    ("exporters",),
     ("integrations", "report", "viewer"),
     ("cli",),
 )

@@ -80,7 +80,9 @@ def test_a_page_holds_what_it_says(tmp_path: Path) -> None:
     target = tmp_path / "blobs.html"
     assert sg.export(blobs(), target, size=SIZE, splats=300, **LOOK) == target
     html = target.read_text("utf-8")
-    assert not re.search(r'(?:src|href)="(?!data:)', html) and "http" not in re.sub(r"http://www.w3.org/2000/svg|http-equiv", "", html)
+    assert not re.search(r'(?:src|href)="(?!data:)', html) and "http" not in re.sub(
+        r"http://www.w3.org/2000/svg|http-equiv", "", html
+    )
     # the first picture is the default one
     png = re.findall(r'src="data:image/png;base64,(.*?)"', html)[0]
     shown = np.asarray(Pillow.open(io.BytesIO(base64.b64decode(png))).convert("RGB"))
@@ -89,7 +91,15 @@ def test_a_page_holds_what_it_says(tmp_path: Path) -> None:
     scene = json.loads(part(html, "scene"))
     assert scene["count"] <= 300 and [layer["name"] for layer in scene["layers"]] == ["blobs"]
     assert re.search(r"RMSE [\d.]+ levels of 255", html) and "joined from" in html
-    for word in ("aria-label", "Opacity", "Window", "Full screen", "prefers-color-scheme", "@media print", "sg.export("):
+    for word in (
+        "aria-label",
+        "Opacity",
+        "Window",
+        "Full screen",
+        "prefers-color-scheme",
+        "@media print",
+        "sg.export(",
+    ):
         assert word in html
 
 
@@ -274,10 +284,13 @@ def test_a_page_in_a_browser(tmp_path: Path) -> None:
     script = """
     const shot = () => Array.from(view.painter.pixels(view.camera, [SIZE, SIZE], true, (each) => each.extent));
     const size = [SIZE, SIZE], block = (name, count) => {
-      const { block } = Object.getPrototypeOf(view).constructor.frameBlock(view.camera, scene.grid, scene.frame, size, (each) => each.extent);
+      const { frameBlock } = view.constructor;
+      const { block } = frameBlock(view.camera, scene.grid, scene.frame, size, (each) => each.extent);
       return Array.from(block.slice(scene.frame.offsets[name] / 4, scene.frame.offsets[name] / 4 + count));
     };
-    const found = { first: shot(), live: view.stage.classList.contains("live"), state: document.getElementById("state").textContent };
+    view.paint();
+    const state = document.getElementById("state").textContent;
+    const found = { first: shot(), live: view.stage.classList.contains("live"), state };
     found.frame = Object.fromEntries(["eye_from_index", "index_from_eye", "eye_from_world", "base", "eye_from_base",
       "clip_scale", "pixel_pitch", "near", "image_center", "blur"].map((name) => [name, block(name, NUMBERS[name])]));
     view.press("ArrowLeft"); found.turned = shot(); view.press("r");
@@ -292,7 +305,9 @@ def test_a_page_in_a_browser(tmp_path: Path) -> None:
     names = ("eye_from_index", "index_from_eye", "eye_from_world", "base", "eye_from_base")
     names += ("clip_scale", "pixel_pitch", "near", "image_center", "blur")
     numbers = {name: FRAME.fields[name][0].itemsize // 4 for name in names}
-    found = in_browser(page.html, script.replace("SIZE", str(SIZE)).replace("NUMBERS[", f"({json.dumps(numbers)})["), tmp_path)
+    found = in_browser(
+        page.html, script.replace("SIZE", str(SIZE)).replace("NUMBERS[", f"({json.dumps(numbers)})["), tmp_path
+    )
     first = np.array(found["first"]).reshape(SIZE, SIZE, 4)
     assert found["live"] and found["state"] == "" and found["again"] == found["first"]
     # the picture whose error the page states
@@ -304,7 +319,10 @@ def test_a_page_in_a_browser(tmp_path: Path) -> None:
     block = frame_block(planned.splats, planned)
     for name, values in found["frame"].items():
         assert np.allclose(np.ravel(block[name]), values, rtol=1e-5, atol=1e-6), name
-    mass = {name: np.array(found[name]).reshape(-1, 4)[:, 3].sum() for name in ("first", "near", "cut", "faint", "moved", "turned")}
+    mass = {
+        name: np.array(found[name]).reshape(-1, 4)[:, 3].sum()
+        for name in ("first", "near", "cut", "faint", "moved", "turned")
+    }
     assert mass["near"] > 1.3 * mass["first"] > mass["first"] > mass["cut"] > 0 and mass["faint"] < 0.8 * mass["first"]
     assert 0 < mass["moved"] < 0.9 * mass["first"] and found["turned"] != found["first"]
     assert {"x", "y", "z", "blobs"} <= set(found["texts"])
@@ -315,6 +333,17 @@ def test_a_page_without_webgl_shows_its_picture(tmp_path: Path) -> None:
     if BROWSER is None:
         pytest.skip("Chromium is not here")
     html, _ = page_of("cubes")
-    blocked = html.replace('<script type="module">', "<script>HTMLCanvasElement.prototype.getContext = () => null</script>\n<script type=\"module\">", 1)
-    script = "return [view.stage.classList.contains('live'), document.getElementById('state').textContent, document.getElementById('controls').hidden]"
-    assert in_browser(blocked, script, tmp_path) == [False, "This picture stands still: WebGL 2 is not available.", True]
+    blocked = html.replace(
+        '<script type="module">',
+        '<script>HTMLCanvasElement.prototype.getContext = () => null</script>\n<script type="module">',
+        1,
+    )
+    script = """
+    const at = (name) => document.getElementById(name);
+    return [view.stage.classList.contains("live"), at("state").textContent, at("controls").hidden];
+    """
+    assert in_browser(blocked, script, tmp_path) == [
+        False,
+        "This picture stands still: WebGL 2 is not available.",
+        True,
+    ]

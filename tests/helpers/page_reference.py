@@ -70,7 +70,7 @@ def draw(page: PageSplats, camera: dict[str, Any], kernel: Any, antialias: bool 
     pitch = camera["extent"] / height / (1 if camera["perspective"] else spacing)
     v = (page.position - eye) @ a.T
     x, y = ((np.arange(n) + 0.5 - n / 2) * pitch for n in (width, height))
-    picture, f0 = np.zeros((height, width, 4)), float(kernel.footprint(np.zeros(())))
+    picture = np.zeros((height, width, 4))
     for n in order_of(page, camera, eye):
         toward = v[n] / np.linalg.norm(v[n]) if camera["perspective"] else np.array([0.0, 0.0, 1.0])
         e = np.linalg.svd(toward[None])[2][1:]
