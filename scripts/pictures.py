@@ -194,6 +194,25 @@ def image_report() -> None:
         save(Pillow.open(f"{folder}/page.png").convert("RGB"), "image_report")
 
 
+def web_page() -> None:
+    """The head by the default method, and its page in Chromium."""
+    look = [str(MALE), "--spacing", "1.57774,0.995861,1.00797", "--up=0,0,-1", "--size", "480"]
+    with TemporaryDirectory() as folder:
+        for words in (["render", *look, "-o", f"{folder}/default.png"], ["export", *look, "-o", f"{folder}/page.html"]):
+            if command([*words, "--quiet"]):
+                sys.exit("no picture")
+        browser = ["chromium", "--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"]
+        browser += ["--enable-unsafe-swiftshader", "--hide-scrollbars", "--virtual-time-budget=60000"]
+        options = ["--window-size=504,640", f"--user-data-dir={folder}/user"]
+        shot = f"{folder}/shot.png"
+        subprocess.run([*browser, *options, f"--screenshot={shot}", f"file://{folder}/page.html"], check=True)
+        page = Pillow.open(shot).convert("RGB")
+        joined = Pillow.new("RGB", (480 + page.width, page.height), "white")
+        joined.paste(Pillow.open(f"{folder}/default.png").convert("RGB"), (0, 47))
+        joined.paste(page, (480, 0))
+        save(joined, "web_page")
+
+
 # the window's scene: bones of the Visible Male
 BONES = f"""volume = "{MALE}"
 [load]
@@ -251,7 +270,10 @@ def compared(*names: str) -> None:
 
 BUILT_IN = (scenes, antialiasing, spinning, depth, turn, compare, image_report)
 FUNCTIONS = {
-    **{each.__name__: each for each in (*BUILT_IN, front, classification, light, iso, presets, publishing, slices)},
+    **{
+        each.__name__: each
+        for each in (*BUILT_IN, front, classification, light, iso, presets, publishing, slices, web_page)
+    },
     "window": window,
     "report": report,
     "side-by-side": compared,

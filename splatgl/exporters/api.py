@@ -102,7 +102,7 @@ def export(
     sg.export("head.nii.gz", "head.html", azimuth=60)
     ```
     """
-    given, slots = ungrouped(options, transfer, camera, settings)
+    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
     own = ExportOptions(**{name: given.pop(name) for name in names_of(ExportOptions) if name in given})
     target = Path(path)
     source = str(x) if isinstance(x, str | Path) else None
@@ -111,7 +111,7 @@ def export(
     words = [repr(Path(source).name) if source else "…", repr(target.name), *([shown] if shown else [])]
     how = DrawOptions(is_shared=True, memory=given.get("memory"))
     with within(how.memory):
-        scene = opened(scene_of(x, *slots, given))
+        scene = opened(scene_of(x, look, view, base, given))
         write(scene, target, kind, own, how, f"sg.export({', '.join(words)})", lambda line: None)
     return target
 

@@ -151,7 +151,8 @@ def _about(scene: OpenScene | SubjectView, page: WebPage, command: str) -> str:
     joined = f", joined from {splats.found:,} voxels" if splats.found > len(splats) else ""
     levels = f"RMSE {page.rmse:.1f} levels of 255 (sRGB) over the first view, against the default method"
     rows = {
-        "Difference": f"{levels}, whose picture the page shows first and prints. The page classifies voxels before reconstruction and composites splat by splat.",
+        "Difference": f"{levels}, whose picture is shown first and printed. "
+        "The page classifies voxels before reconstruction and composites splat by splat.",
         "Splats": f"{len(splats):,}{joined}, quantised",
         "Source": str(scene.info.get("source", "")) if isinstance(scene, SubjectView) else Path(scene.file.volume).name,
         "Layers": ", ".join(layer.name for layer in splats.layers if layer.name) if len(splats.layers) > 1 else "",

@@ -6,10 +6,11 @@ import moderngl
 import numpy as np
 
 from splatgl.geometry.camera import Camera
-from splatgl.gl.buffers import texel_texture
+from splatgl.gl.buffers import free, texel_texture
 from splatgl.gl.context import current
 from splatgl.gl.features import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.gl.program import Switches, set_uniforms, splat_switches, use_blend
+from splatgl.gl.quads import CORNERS
 from splatgl.gl.renderer import Renderer
 from splatgl.planning.culling import order_for
 from splatgl.planning.plan import Plan, plan
@@ -62,11 +63,11 @@ def draw_quantized(
         words = np.zeros((rows * QUANTIZED_ROW, 4), np.uint32)
         words[: len(splats)] = splats.words
         tables = np.stack([layer.table for layer in splats.layers]).astype(np.float32)
-        held: list[moderngl.Texture | moderngl.Buffer | moderngl.VertexArray] = [
+        textures = [
             texel_texture(ctx, (QUANTIZED_ROW, rows), 4, "u4", words.tobytes()),
             texel_texture(ctx, tables.shape[1::-1], 4, "f4", tables.tobytes()),
         ]
-        for texture, unit in zip(held, (SPLATS_UNIT, CLASSES_UNIT), strict=True):
+        for texture, unit in zip(textures, (SPLATS_UNIT, CLASSES_UNIT), strict=True):
             texture.use(unit)
         names = {"quantized_splats": SPLATS_UNIT, "class_table": CLASSES_UNIT, "position_step": splats.step}
         set_uniforms(program, **names)
@@ -78,10 +79,10 @@ def draw_quantized(
             eye = view.eye_index if view.perspective else np.where(view.index_from_eye[:, 2] >= 0, -np.inf, np.inf)
             numbers = np.zeros((len(splats), 4), np.uint32)
             numbers[:, 0] = splats.back_to_front(eye, order_for(outline, camera).axis)
-            held.append(ctx.buffer(numbers.tobytes()))
-            held.append(ctx.vertex_array(program, [(held[-1], "4u4/i", "in_first")]))
-            held[-1].render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(splats))
+            instances = ctx.buffer(numbers.tobytes())
+            quads = ctx.vertex_array(program, [(instances, "4u4/i", "in_first")])
+            quads.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=len(splats))
+            free(quads, instances)
         pixels = target.read()
-        for item in held[::-1]:
-            item.release()
+        free(*textures)
     return pixels

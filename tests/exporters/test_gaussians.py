@@ -6,6 +6,7 @@ import gzip
 import struct
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,12 @@ from splatgl.cli.main import main
 from splatgl.splat.kernels import kernel
 from splatgl.writers.gaussians import gaussian_width, quaternion
 
-LOOK = {"points": [(20, 0.0), (120, 0.5), (200, 0.9)], "colormap": "hot", "window": (20, 200), "size": 32}
+LOOK: dict[str, Any] = {
+    "points": [(20, 0.0), (120, 0.5), (200, 0.9)],
+    "colormap": "hot",
+    "window": (20, 200),
+    "size": 32,
+}
 
 
 def volume() -> sg.Volume:
@@ -46,8 +52,8 @@ def read_spz(path: Path) -> dict[str, np.ndarray]:
     sizes = np.cumsum([0, 9, 1, 3, 3, 3]) * count
     place, alpha, color, scale, turn = (body[a:b].reshape(count, -1) for a, b in pairwise(sizes))
     place = place.reshape(count, 3, 3) @ [1, 256, 65536]
-    place = np.where(place >= 2**23, place - 2**24, place) / 2.0**bits
-    found = {name: place[:, axis] for axis, name in enumerate("xyz")}
+    world = np.where(place >= 2**23, place - 2**24, place) / 2.0**bits
+    found = {name: world[:, axis] for axis, name in enumerate("xyz")}
     share = alpha[:, 0] / 255
     found["opacity"] = np.log(share / (1 - share + 1e-9))
     xyz = (turn - 127.5) / 127.5

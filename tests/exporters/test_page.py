@@ -8,6 +8,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from tests.helpers.page_reference import BROWSER, PageSplats, draw, in_browser, 
 # largest and root mean square difference of a page from the float64 reference of its splats, linear light: the guide's;
 # where voxels are much smaller than a pixel, half floats lose more of their faint opacities
 MOST, MOST_RMS, MOST_FAR = 4 / 255, 1 / 255, 10 / 255
+FIELDS = FRAME.fields or {}
 KERNEL = kernel("crawfis-max")
 SIZE = 40
 
@@ -41,8 +43,8 @@ def blobs(spacing: tuple[float, float, float] = (1.0, 1.0, 1.0), tilt: bool = Fa
     return sg.Volume(values.astype(np.float32), spacing, (3.0, -2.0, 5.0), turn, name="blobs")
 
 
-LOOK = {"points": [(20, 0.0), (120, 0.5), (200, 0.9)], "colormap": "hot", "window": (20, 200)}
-SCENES = {
+LOOK: dict[str, Any] = {"points": [(20, 0.0), (120, 0.5), (200, 0.9)], "colormap": "hot", "window": (20, 200)}
+SCENES: dict[str, tuple[sg.Volume, dict[str, Any]]] = {
     "cubes": (blobs(), {**LOOK, "shading": "on"}),
     "long voxels, tilted": (blobs((1.0, 0.8, 2.5), tilt=True), LOOK),
     "parallel": (blobs(), {**LOOK, "view": sg.View(orthographic=True, elevation=50)}),
@@ -171,6 +173,10 @@ def test_layers_share_a_page(tmp_path: Path, renderer: sg.Renderer) -> None:
     splats = quantize(view, page_settings(view.settings), 10**5, 8, notes)
     assert [layer.name for layer in splats.layers] == ["blobs", "coarse"] and "resampled" in notes[0]
     assert set(np.unique(splats.words[:, 2] >> 27)) == {0, 1}
+    # opacities refer to the spacing of the layer itself, twice the page's
+    depth = splats.classified()[1][splats.words[:, 2] >> 27 == 1].max()
+    most = sg.Transfer([(30, 0), (150, 0.5)]).opacity(np.array([np.nanmax(two.samples)]))[0]
+    assert depth == pytest.approx(-np.log1p(-most) / 2, rel=0.1)
     target = sg.export(scene, tmp_path / "two.html", size=(SIZE, SIZE))
     page = PageSplats(target.read_text("utf-8"))
     right = draw(page, camera_json(view.camera), KERNEL)
@@ -195,7 +201,7 @@ def test_frames_of_pages_are_those_of_opengl() -> None:
     html, splats = page_of("cubes")
     scene = json.loads(part(html, "scene"))
     assert scene["frame"]["size"] == FRAME.itemsize
-    assert scene["frame"]["offsets"]["pixel_pitch"] == FRAME.fields["pixel_pitch"][1]
+    assert scene["frame"]["offsets"]["pixel_pitch"] == FIELDS["pixel_pitch"][1]
     assert len(splats) == scene["count"]
 
 
@@ -219,7 +225,7 @@ def test_bad_input_is_one_line(
     try:
         code = main(["export", str(source), "--size", "32", "-o", str(tmp_path / words[0]), *words[1:]])
     except SystemExit as error:
-        code = error.code
+        code = int(error.code or 0)
     (line,) = capsys.readouterr().err.splitlines()
     assert code == 2 and message in line
     assert not list(tmp_path.glob("blobs.html*"))
@@ -302,9 +308,9 @@ def test_a_page_in_a_browser(tmp_path: Path) -> None:
     found.texts = [...view.svg.querySelectorAll("text")].map((each) => each.textContent);
     return found;
     """
-    names = ("eye_from_index", "index_from_eye", "eye_from_world", "base", "eye_from_base")
-    names += ("clip_scale", "pixel_pitch", "near", "image_center", "blur")
-    numbers = {name: FRAME.fields[name][0].itemsize // 4 for name in names}
+    names = ["eye_from_index", "index_from_eye", "eye_from_world", "base", "eye_from_base"]
+    names += ["clip_scale", "pixel_pitch", "near", "image_center", "blur"]
+    numbers = {name: FIELDS[name][0].itemsize // 4 for name in names}
     found = in_browser(
         page.html, script.replace("SIZE", str(SIZE)).replace("NUMBERS[", f"({json.dumps(numbers)})["), tmp_path
     )
