@@ -251,7 +251,7 @@ def find_pixels(tiff: Any, place: int) -> Element | None:
         return None
     nodes = [node for node in parse_xml(tiff.ome_metadata, "OME-XML").iter() if node.tag.endswith("}Pixels")]
     series = tiff.series[place]
-    first = next((page for page in series.pages if page is not None), None)
+    first: Any = next((page for page in series.pages if page is not None), None)
     # images without pages are not in tiff.series: match by the first page
     for node in nodes if first is not None and len(nodes) > 1 else ():
         runs = [child for child in node if child.tag.endswith("}TiffData")]
