@@ -210,11 +210,11 @@ class SheetFragments:
             self.fragments.use()
             self.fragments.scissor = 0, top * tall, self.fragments.viewport[2], (bottom - top) * tall
             cover(program)
-        self._spread(target, band)
+        self._spread(spec, target, band)
 
-    def _spread(self, target: RenderTarget, band: PixelWindow) -> None:
+    def _spread(self, spec: Spec, target: RenderTarget, band: PixelWindow) -> None:
         """Writes the pixels of a band that fragments have drawn to the target."""
-        spread = self.programs.for_screen("fragments_spread.frag", None, {"ROWS": len(self.rows)})
+        spread = self.programs.for_screen("fragments_spread.frag", spec.plan.program, {"ROWS": len(self.rows)})
         for number, texture in enumerate(self.rows):
             texture.use(ROWS_UNIT + number)
             set_uniforms(spread, **{f"row{number}": ROWS_UNIT + number})
