@@ -644,7 +644,7 @@ def _glfw_errors() -> Iterator[None]:
     import glfw
 
     glfw.get_error()  # clears earlier errors
-    before, glfw.ERROR_REPORTING = glfw.ERROR_REPORTING, False
+    before, glfw.ERROR_REPORTING = glfw.ERROR_REPORTING, "ignore"
     try:
         yield
     finally:

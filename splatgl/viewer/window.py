@@ -37,7 +37,7 @@ class Window:
         # place and size before fullscreen
         self.before: tuple[int, int, int, int] | None = None
         # as warnings, whose filters other threads change; failures that matter are checked where they occur
-        glfw.ERROR_REPORTING = False
+        glfw.ERROR_REPORTING = "ignore"
         glfw.swap_interval(1)
         glfw.set_window_size_limits(self.handle, SMALLEST, SMALLEST, glfw.DONT_CARE, glfw.DONT_CARE)
         glfw.set_key_callback(self.handle, self._key)

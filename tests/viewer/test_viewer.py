@@ -313,7 +313,7 @@ def test_a_hiccup_leaves_the_floor_where_it_is() -> None:
     for seconds in (0.11, 0.11, 0.11, 0.7, 0.11, 0.11):
         pace = pace.drawn(pace.level, seconds)
         assert pace.level <= floor
-    for _ in range(8):
+    for _ in range(16):
         pace = pace.drawn(pace.level, 0.6 if pace.level <= floor else 0.09)
     assert pace.level > floor
     # the machine has become quicker
