@@ -288,7 +288,9 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=FRAMES, help="frames of a movie (200)")
     parser.add_argument("--rounds", type=int, default=3, help="times each way is measured (3)")
     args = parser.parse_args()
-    kept = json.loads(args.out.read_text()) if args.out.exists() else {"renderer": "", "rows": []}
+    kept: dict[str, Any] = {"renderer": "", "rows": []}
+    if args.out.exists():
+        kept = json.loads(args.out.read_text())
     rows = [Row(**row) for row in kept["rows"]]
     done = {(row.panel, row.kind, None if row.panel == "frames" else row.amount) for row in rows}
     todo = [group for group in groups(args) if group[0] in args.panels and group not in done]
