@@ -36,7 +36,7 @@ STEP = 1e-3
 # full scale of the CPU's caster, and of the OpenGL caster
 FULL, FULL_8 = 32767.0, 255.0
 # timeout for a peer to start or to draw, seconds
-PATIENCE = 120.0
+PATIENCE = 900.0
 
 
 class PeerProcess:
