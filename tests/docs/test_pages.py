@@ -321,7 +321,7 @@ def write_surface(name: str) -> None:
 
 def write_channels(name: str) -> None:
     tifffile = pytest.importorskip("tifffile")
-    size = {f"PhysicalSize{axis}": 0.2 for axis in "XYZ"}
+    size = {f"PhysicalSize{axis}": 2.0 for axis in "XYZ"}
     about = {"axes": "CZYX", "Channel": {"Name": ["DAPI", "GFP"]}, **size}
     both = np.stack([blob(16, 16, 16), blob(16, 16, 16)[:, ::-1]]) / 2
     tifffile.imwrite(name, both.astype(np.uint8), ome=True, metadata=about)
