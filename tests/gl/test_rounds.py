@@ -14,7 +14,7 @@ from splatgl.geometry.view import tangents
 from splatgl.gl.sheet_tiles import SheetOrder
 from splatgl.planning import clusters as clustering
 from splatgl.planning import technique as techniques
-from splatgl.planning.clusters import INSIDE, NAME_BITS, SIDE_BITS, Clusters, RoundSplats
+from splatgl.planning.clusters import INSIDE, NAME_BITS, SIDE_BITS, Clusters, RoundSplats, touched_tiles
 from splatgl.planning.culling import PixelWindow
 from splatgl.planning.plan import Plan
 from splatgl.planning.technique import COLUMNS, ROWS
@@ -123,7 +123,7 @@ def test_bounds_of_clusters_hold_what_their_splats_reach(kind: str) -> None:
         base = sheets.base(sheets.places(plan.view, splats.positions[number]))
         assert (first[cluster] < base).all() and (base < last[cluster]).all(), name
         window = PixelWindow(8, 8, 16, 16)
-        rectangle = found.tiles(plan.view, window)[:, cluster]
+        rectangle = touched_tiles(found.low, found.high, plan.view, window)[:, cluster]
         low, high = (ends[:, number] for ends in seen_tiles(splats, plan))
         for axis, (start, many, side) in enumerate(((window.x, 2, COLUMNS), (window.y, 2, ROWS))):
             for tile in range(many):
@@ -207,7 +207,7 @@ def test_a_round_takes_only_clusters_with_open_tiles() -> None:
     camera = replace(views(splats)["fitted"], size=(96, 64))
     plan = sg.plan(splats, camera, WHOLE.replace(technique="tiles"), tiles=True)
     window = PixelWindow(0, 0, 96, 64)
-    tiles = found.tiles(plan.view, window).T
+    tiles = touched_tiles(found.low, found.high, plan.view, window).T
     closed = (rng.random((8, 12)) < 0.3) | (np.arange(12) < 6)
     closed = closed.ravel()
     shown: set[int] = set()
