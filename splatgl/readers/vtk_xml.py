@@ -168,24 +168,29 @@ def is_xml(path: Path) -> bool:
         return file.read(16).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
 
 
-def check_xml(path: Path, anywhere: bool, kinds: tuple[str, ...] = (), depth: int = 0) -> int:
+def check_xml(path: Path, anywhere: bool, kinds: tuple[str, ...] = (), depth: int = 0, is_part: bool = False) -> int:
     """Bytes of a file of VTK in XML and of those that it names. Raises InputError for a type not in `kinds`, names
     outside of its folder, if not `anywhere`, and for uncompressed arrays that are cut, as VTK takes them for whole.
+    is_part: whether a file names it as a piece, so that it may hold less than the whole grid.
     """
     if depth > _DEPTH:
         raise expected("file", f"at most {_DEPTH} files that name each other", "more")
     file, size = parse_vtk(path, kinds), path.stat().st_size
-    _check_pieces(file)
+    _check_pieces(file, is_part)
     for node in file.root.iter():
         if node.tag in ("DataArray", "Array") and not file.compressor and (source := file.source(node)):
             source.block(file.header)
         if name := node.get("Source") or node.get("file"):
             other = find_data_file(path, name, anywhere)
-            size += check_xml(other, anywhere, (), depth + 1) if is_xml(other) else other.stat().st_size
+            size += (
+                check_xml(other, anywhere, (), depth + 1, file.kind.startswith("P"))
+                if is_xml(other)
+                else other.stat().st_size
+            )
     return size
 
 
-def _check_pieces(file: VtkXml) -> None:
+def _check_pieces(file: VtkXml, is_part: bool) -> None:
     """Raises InputError for pieces with different arrays, and for gaps between them, where VTK returns any values."""
     owner, kinds, extents, in_cells = file.root.find(file.kind), set(), [], False
     for piece in file.root.iter("Piece"):
@@ -198,7 +203,7 @@ def _check_pieces(file: VtkXml) -> None:
         extents.append(extent)
     if len(kinds) > 1:
         raise expected("pieces", "the same arrays in all pieces", "different arrays", "save the grid again")
-    if owner is None or owner.get("WholeExtent") is None or len(extents) < 2:
+    if owner is None or owner.get("WholeExtent") is None or len(extents) < 1 + is_part:
         return
     boxes = np.stack([np.array(parse_numbers(owner, "WholeExtent", "", 6)).reshape(3, 2), *extents])
     # points at the ends belong to a piece, and cells in between

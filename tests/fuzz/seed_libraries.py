@@ -262,8 +262,8 @@ def vtk_grids() -> list[Seed]:
     arrays += '<PDataArray type="Float64" Name="c"/>' * 3 + "</PCoordinates>"
     parent = LIST.format(kind="PRectilinearGrid", more=whole, entries=arrays + pieces).encode()
     steps = '<DataSet timestep="0.5" part="0" file="1.vtr"/>'
-    blocks = '<Block index="0"><DataSet index="0" name="one" file="1.vtr"/></Block>'
-    files = {"1.vtr": left, "2.vtr": right}
+    blocks = '<Block index="0"><DataSet index="0" name="one" file="3.vtr"/></Block>'
+    files = {"1.vtr": left, "2.vtr": right, "3.vtr": _vtr(0, Z - 1)}
     return [
         one("a.vtr", _vtr(0, Z - 1)),
         Seed("a.pvtr", {"a.pvtr": parent, **files}),
