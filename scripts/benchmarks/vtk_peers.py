@@ -26,6 +26,12 @@ from splatgl.splat.lighting import AMBIENT, DIFFUSE
 from splatgl.splat.settings import Settings
 from splatgl.transfer.transfer import Transfer
 
+# blends of splats, and what VTK's mappers call them
+BLENDS = {
+    "composite": "Composite",
+    "mip": "MaximumIntensity",
+    "minip": "MinimumIntensity",
+}
 MAPPERS = {"cpu": "vtkFixedPointVolumeRayCastMapper", "gpu": "vtkGPUVolumeRayCastMapper"}
 # samples along a ray for each voxel
 STEPS_PER_VOXEL = 2
@@ -85,6 +91,7 @@ class Peer(PeerProcess):
             transfer,
             shaded,
             fine,
+            settings.blend,
             samples,
         )
         super().__init__(_serve, MAPPERS[mapper], scene)
@@ -133,7 +140,7 @@ def _serve_plotter(pipe: Any, layers: Sequence[Layer], camera: Camera, settings:
 def _check(volume: Volume, transfer: Transfer, camera: Camera, settings: Settings) -> None:
     """Raises InputError for features without a counterpart in VTK."""
     for fine, this, got in (
-        (settings.blend == "composite", "blend composite", settings.blend),
+        (settings.blend in BLENDS, f"blend {', '.join(BLENDS)}", settings.blend),
         (volume.color is None, "colours by value", "colours per voxel"),
         (not transfer.needs_gradients, "opacities by value", "opacities by gradient"),
         (camera.perspective, "perspective", "parallel rays"),
@@ -164,10 +171,11 @@ def _frame(mapper_name: str, scene: Sequence[Any]) -> Callable[[], np.ndarray]:
 
     # suppress VTK's messages on missing displays
     vtk.vtkLogger.SetStderrVerbosity(vtk.vtkLogger.VERBOSITY_OFF)
-    samples, spacing, origin, direction, transfer, shaded, camera = scene
+    samples, spacing, origin, direction, transfer, shaded, camera, blend = scene
     mapper = getattr(vtk, mapper_name)()
     mapper.SetSampleDistance(min(spacing) / STEPS_PER_VOXEL)
     mapper.SetAutoAdjustSampleDistances(0)
+    getattr(mapper, f"SetBlendModeTo{BLENDS[blend]}")()
     if "FixedPoint" in mapper_name:
         mapper.SetInteractiveSampleDistance(min(spacing) / STEPS_PER_VOXEL)
         mapper.SetNumberOfThreads(os.cpu_count() or 1)

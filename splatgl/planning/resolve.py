@@ -26,6 +26,7 @@ from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.settings import AVERAGED, Blend, Blending, Motions, Settings
 from splatgl.splat.sheets import MOST_SHEETS, Sheets
 from splatgl.splat.splats import MOST_KEPT, Splats
+from splatgl.transfer.preintegration import ValueClassifier
 from splatgl.transfer.transfer import Transfer
 
 # samples along each axis of pixels that may take one instead; share of the tolerance that its end correction may reach;
@@ -274,7 +275,7 @@ def _check_classification(splats: Splats, settings: Settings, moving: bool) -> N
         )
     if post is not None and shows_value and post.transfer.regions:
         raise expected("blend", "composite or xray with regions over gradients", settings.blend, "state points instead")
-    if settings.needs_values if post is None else shows_value and not post.every:
+    if settings.needs_values if post is None else shows_value and not holds_blend(post, settings):
         raise InputError(
             f"blend {settings.blend} takes all voxels, classified after reconstruction: "
             'render with --classification post, extract with classification="post-all"'
@@ -452,6 +453,11 @@ def why_per_splat(settings: Settings, moving: bool) -> str | None:
     return why_not_front_to_back(settings)
 
 
+def holds_blend(post: ValueClassifier, settings: Settings) -> bool:
+    """Whether the voxels that were kept serve a blend of one value."""
+    return post.every or (post.largest and settings.shows_value and settings.join == "max")
+
+
 def extraction_kind(settings: Settings, moving: bool, why: str | None, voxels: int) -> tuple[str, str]:
     """Classification and kernel of `extract` for a picture with these settings.
 
@@ -463,7 +469,9 @@ def extraction_kind(settings: Settings, moving: bool, why: str | None, voxels: i
         how = "pre" if is_pre and not settings.needs_values else "post"
     if how == "pre":
         return how, ""
-    return "post-all" if settings.shows_value else how, settings.kernel if settings.kernel != "auto" else POST_KERNEL
+    if settings.shows_value:
+        how = "post-max" if settings.join == "max" else "post-all"
+    return how, settings.kernel if settings.kernel != "auto" else POST_KERNEL
 
 
 def extract_for_settings(
@@ -511,7 +519,7 @@ def _classified(splats: Splats, settings: Settings, moving: bool, camera: Camera
             how == "post" and source.many and settings.classification == "auto"
         )
     else:
-        serves = how != "pre" and post.kernel == kernel and (how == "post" or post.every)
+        serves = how != "pre" and post.kernel == kernel and (how == "post" and not post.largest or holds_blend(post, settings))
     if serves and splats.skipped_interior:
         reach = reach_outside(splats, settings, camera)
         if 0 < reach <= splats.skipped_interior and (post is not None or kernel == POST_KERNEL):

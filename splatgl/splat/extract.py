@@ -118,7 +118,7 @@ def extract(
 
     classification "pre": colours and opacities of voxels with t = F(∇, ρ) > threshold. "post": values and gradients
     for `kernel`, classified after reconstruction, of all voxels that opaque points need; "post-all": of all voxels, for
-    blends of one value; "post-lean": without the quarter that only the rims of kernels need, for pictures in motion.
+    blends of one value; "post-max": of those that maxima above all transparent values need; "post-lean": without the quarter that only the rims of kernels need, for pictures in motion.
     The post kinds need a volume without colours, and no threshold. "auto": post where possible with at most MOST_KEPT
     voxels, else pre; the splats refer to the volume, so that pictures can extract the other kind once. Large interiors
     that no eye outside sees are left out, too, and extracted with the rest for pictures that may show them; see
@@ -132,8 +132,8 @@ def extract(
         return _layers(volume, list(transfer), threshold)
     if not 0.0 <= threshold < 1.0:
         raise expected("threshold", "an opacity of at least 0 and less than 1", threshold)
-    if classification not in ("auto", "pre", "post", "post-all", "post-lean"):
-        raise expected("classification", "auto, pre, post, post-all or post-lean", repr(classification))
+    if classification not in ("auto", "pre", "post", "post-all", "post-max", "post-lean"):
+        raise expected("classification", "auto, pre, post, post-all, post-max or post-lean", repr(classification))
     if volume.points is not None and classification in ("auto", "pre"):
         splats = Splats.of_points(volume.points, float(transfer.opacity(np.array([1.0]))[0]))
         return replace(splats, name=volume.name, frame=volume.frame)
@@ -151,7 +151,8 @@ def extract(
         return replace(splats, frame=volume.frame, source=source, box=volume.corners)
     if why:
         raise InputError(f"{volume.name or 'volume'}: only classification pre is possible, because of {why}")
-    post = ValueClassifier.of(transfer, kernel, volume.shape[::-1], classification == "post-all")
+    every, largest = classification == "post-all", classification == "post-max"
+    post = ValueClassifier.of(transfer, kernel, volume.shape[::-1], every, largest)
     post = replace(post, lean=classification == "post-lean")
     return replace(_extract_values(volume, post, slab, progress), frame=volume.frame)
 

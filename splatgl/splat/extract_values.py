@@ -35,6 +35,11 @@ GRADIENT_HALO = 2
 KERNEL_REACH = 2
 # voxels from one to the furthest that adds to a gradient with it
 STEEP_REACH = 2 * KERNEL_REACH
+# voxels from a value that a maximum may show, which is within one of every place of such values: those that these places
+# depend on; and those around, which have no higher coefficients than the samples beside them, so that no mean of a part
+# of a place's voxels is higher
+NEAR_LARGEST = 1 + KERNEL_REACH
+AROUND_LARGEST = NEAR_LARGEST + KERNEL_REACH
 # coefficients on either side on which one of a gradient depends
 TAPS = 5
 # share of the largest record value by which rounding may change a gradient, per voxel
@@ -104,7 +109,7 @@ def box_records(
     known to hold none are not read. Appends to `gaps` the places [N, 3] (x, y, z) of missing voxels within reach of
     their kernels.
     """
-    halo, nothing = halo_of(kernel), np.zeros(0, record_type(volume.shape, post=True))
+    halo, nothing = max(halo_of(kernel), AROUND_LARGEST * post.largest), np.zeros(0, record_type(volume.shape, post=True))
     if not post.faced:
         halo = max(halo, margin_of(kernel) + TAPS + STEEP_REACH * bool(post.steepness.any()))
     mask = MaskField.of(volume)
@@ -216,7 +221,10 @@ def post_records(
     if not post.faced:
         slopes = field_slopes(u, kernel, world)
         is_steep = _steep_places(u, slopes, world, post.steepness * spacing)
-    keep, beside = select_needed(u, reach, post.wanted, is_steep)
+    if post.largest and not post.every:
+        keep, beside = around_largest(u, float(post.wanted[0, 0]))
+    else:
+        keep, beside = select_needed(u, reach, post.wanted, is_steep)
     wanted = keep[inner] & np.isfinite(u[inner])
     if near is not None:
         wanted &= near
@@ -388,6 +396,17 @@ def select_needed(
         for axis in range(3) if around > 1 else ():
             beside |= dilate(above, (axis,)) & dilate(below, (axis,))
         keep |= beside if places is None else beside & places(number)
+    return keep, near
+
+
+def around_largest(u: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """bool, twice: the voxels within AROUND_LARGEST of one of at least this value, and those within NEAR_LARGEST."""
+    near = u >= np.float64(least)
+    for _ in range(NEAR_LARGEST):
+        near = dilate(near)
+    keep = near
+    for _ in range(AROUND_LARGEST - NEAR_LARGEST):
+        keep = dilate(keep)
     return keep, near
 
 

@@ -161,6 +161,7 @@ class ValueClassifier:
     kept [n, 3]: intervals of values around which voxels were kept, and the least gradient near them, values per world
     length. lean: without the voxels that only the rims of kernels need. faced: gradients at the volume's ends assume
     transparent neighbours, which lights the end faces; not if opacity varies by gradient, as it would show them.
+    largest: whether all voxels were kept that any place of such a value depends on, as maxima need them.
     """
 
     transfer: Transfer
@@ -171,14 +172,26 @@ class ValueClassifier:
     kept: np.ndarray
     lean: bool = False
     faced: bool = True
+    largest: bool = False
 
     @classmethod
-    def of(cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int], every: bool = False) -> ValueClassifier:
-        """Classifier with record values relative to the range over which the transfer function varies."""
+    def of(
+        cls,
+        transfer: Transfer,
+        kernel: str,
+        shape: tuple[int, int, int],
+        every: bool = False,
+        largest: bool = False,
+    ) -> ValueClassifier:
+        """Classifier with record values relative to the range over which the transfer function varies. largest: for
+        maxima, which only values from the least opaque one on affect.
+        """
         low, high = active_range(transfer)
         span = high - low if high > low else max(abs(low), 1.0)
         kept = np.array([[-np.inf, np.inf, 0.0]]) if every else wanted_intervals(transfer, span)
-        return cls(transfer, kernel, shape, low, span, kept, faced=not transfer.varies_by_gradient)
+        if largest:
+            kept = np.array([[kept[:, 0].min(initial=np.inf), np.inf, 0.0]])
+        return cls(transfer, kernel, shape, low, span, kept, faced=not transfer.varies_by_gradient, largest=largest)
 
     @property
     def every(self) -> bool:
@@ -226,7 +239,7 @@ class ValueClassifier:
     @property
     def is_current(self) -> bool:
         """Whether extraction for the current transfer function would give the same records."""
-        anew = ValueClassifier.of(self.transfer, self.kernel, self.shape, self.every)
+        anew = ValueClassifier.of(self.transfer, self.kernel, self.shape, self.every and not self.largest, self.largest)
         same = (anew.low, anew.span, anew.faced) == (self.low, self.span, self.faced)
         return same and np.array_equal(anew.kept, self.kept)
 
