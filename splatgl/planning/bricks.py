@@ -463,8 +463,9 @@ def bricks_of(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks 
     if settings.classification == "pre" or why_only_pre(volume, transfer, 0.0) or why_per_splat(settings, moving=False):
         return None
     kernel = settings.kernel if settings.kernel != "auto" else POST_KERNEL
-    all_values = settings.shows_value
-    return Bricks.of(volume, ValueClassifier.of(transfer.on(volume), kernel, volume.shape[::-1], all_values))
+    largest = settings.shows_value and settings.join == "max"
+    every = settings.shows_value and not largest
+    return Bricks.of(volume, ValueClassifier.of(transfer.on(volume), kernel, volume.shape[::-1], every, largest))
 
 
 def required_bricks(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks:

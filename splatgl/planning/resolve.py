@@ -519,7 +519,11 @@ def _classified(splats: Splats, settings: Settings, moving: bool, camera: Camera
             how == "post" and source.many and settings.classification == "auto"
         )
     else:
-        serves = how != "pre" and post.kernel == kernel and (how == "post" and not post.largest or holds_blend(post, settings))
+        serves = (
+            how != "pre"
+            and post.kernel == kernel
+            and ((how == "post" and not post.largest) or holds_blend(post, settings))
+        )
     if serves and splats.skipped_interior:
         reach = reach_outside(splats, settings, camera)
         if 0 < reach <= splats.skipped_interior and (post is not None or kernel == POST_KERNEL):

@@ -118,7 +118,8 @@ def extract(
 
     classification "pre": colours and opacities of voxels with t = F(∇, ρ) > threshold. "post": values and gradients
     for `kernel`, classified after reconstruction, of all voxels that opaque points need; "post-all": of all voxels, for
-    blends of one value; "post-max": of those that maxima above all transparent values need; "post-lean": without the quarter that only the rims of kernels need, for pictures in motion.
+    blends of one value; "post-max": of those that maxima above all transparent values need; "post-lean": without the
+    quarter that only the rims of kernels need, for pictures in motion.
     The post kinds need a volume without colours, and no threshold. "auto": post where possible with at most MOST_KEPT
     voxels, else pre; the splats refer to the volume, so that pictures can extract the other kind once. Large interiors
     that no eye outside sees are left out, too, and extracted with the rest for pictures that may show them; see

@@ -18,7 +18,7 @@ from splatgl.data.volume import Places, Volume
 from splatgl.geometry.grid import Grid, dilate
 from splatgl.geometry.mask_field import MaskField
 from splatgl.splat.kernels import Kernel
-from splatgl.splat.prefilter import PREFILTERED, STEP_HALO, coefficients, margin_of, prefilter
+from splatgl.splat.prefilter import PREFILTERED, STEP_HALO, coefficients, extreme_filter, margin_of, prefilter
 from splatgl.splat.splats import GrowingRecords, Splats, assemble, in_parts, record_type
 from splatgl.transfer.preintegration import ValueClassifier, clear_isolated
 
@@ -35,9 +35,10 @@ GRADIENT_HALO = 2
 KERNEL_REACH = 2
 # voxels from one to the furthest that adds to a gradient with it
 STEEP_REACH = 2 * KERNEL_REACH
-# voxels from a value that a maximum may show, which is within one of every place of such values: those that these places
-# depend on; and those around, which have no higher coefficients than the samples beside them, so that no mean of a part
-# of a place's voxels is higher
+# share of the range of the samples around a place by which its value may exceed them
+OVERSHOOT = 0.04
+# voxels from samples beside places of values that a maximum may show: those that these places depend on; and those around,
+# which have no higher coefficients than the samples beside them, so that no mean of a part of a place's voxels is higher
 NEAR_LARGEST = 1 + KERNEL_REACH
 AROUND_LARGEST = NEAR_LARGEST + KERNEL_REACH
 # coefficients on either side on which one of a gradient depends
@@ -400,9 +401,15 @@ def select_needed(
 
 
 def around_largest(u: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
-    """bool, twice: the voxels within AROUND_LARGEST of one of at least this value, and those within NEAR_LARGEST."""
-    near = u >= np.float64(least)
-    for _ in range(NEAR_LARGEST):
+    """bool, twice: the voxels within AROUND_LARGEST of places that may have at least this value, and those within
+    NEAR_LARGEST.
+    """
+    low = high = u
+    for axis in range(3):
+        low, high = extreme_filter(np.fmin, low, axis), extreme_filter(np.fmax, high, axis)
+    # of a voxel and its neighbours
+    near = high + np.float32(OVERSHOOT) * (high - low) >= np.float64(least)
+    for _ in range(NEAR_LARGEST - 1):
         near = dilate(near)
     keep = near
     for _ in range(AROUND_LARGEST - NEAR_LARGEST):

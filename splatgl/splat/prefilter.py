@@ -215,7 +215,7 @@ def _limits(u: np.ndarray, complete: bool) -> tuple[np.ndarray, np.ndarray]:
         if gone is not None:
             least, most = (np.where(gone, np.float32(end), part) for end in (np.inf, -np.inf))
         for axis in range(3):
-            least, most = _extreme_filter(np.minimum, least, axis), _extreme_filter(np.maximum, most, axis)
+            least, most = extreme_filter(np.minimum, least, axis), extreme_filter(np.maximum, most, axis)
         for axis in range(3):
             # across the axis, limits depend on the next neighbours only
             near = tuple(
@@ -256,12 +256,12 @@ def _widen(least: np.ndarray, most: np.ndarray, u: np.ndarray, gone: np.ndarray 
     if gone is not None:
         np.copyto(wave, np.float32(1e30), where=gone.swapaxes(0, axis))
     for along in (0, 0, 1, 2):
-        wave = _extreme_filter(np.minimum, wave, along)
+        wave = extreme_filter(np.minimum, wave, along)
     low -= wave
     high += wave
 
 
-def _extreme_filter(of: np.ufunc, a: np.ndarray, axis: int) -> np.ndarray:
+def extreme_filter(of: np.ufunc, a: np.ndarray, axis: int) -> np.ndarray:
     """Minimum or maximum over a voxel and its two neighbours along an axis."""
     a = a.swapaxes(0, axis)
     if len(a) < 3:

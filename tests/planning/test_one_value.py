@@ -13,6 +13,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.gl import quads, sheet_tiles, tiles
 from splatgl.gl.target import Interrupted
+from splatgl.planning.resolve import extract_for_settings, select_splats
 from splatgl.planning.technique import COLUMNS, ROWS
 from splatgl.reference.blend import join_values, joined_value
 from splatgl.reference.field import field_integral
@@ -308,6 +309,47 @@ def test_what_cannot_be_drawn_is_told(how: str, changes: dict[str, Any], said: s
     with pytest.raises(sg.InputError, match=said) as error:
         sg.plan(splats, eyes(splats)["fitted"], sg.Settings(**changes), tiles=True)
     assert "\n" not in str(error.value)
+
+
+def noisy_block() -> sg.Volume:
+    """A bright block in noise that ends below it."""
+    samples = np.random.default_rng(5).uniform(0, 0.2, (22, 26, 30))
+    samples[9:12, 10:13, 12:16] += 0.6
+    return sg.Volume(samples)
+
+
+@pytest.mark.parametrize("least", [0.21, 0.19])
+def test_maxima_take_what_opaque_values_depend_on(least: float) -> None:
+    """The float64 picture is that of all voxels: where noise is transparent, and where some of it is not."""
+    volume, transfer = noisy_block(), sg.Transfer([(least, 0), (0.8, 0.9)], colormap="hot")
+    some, every = (sg.extract(volume, transfer, classification=how) for how in ("post-max", "post-all"))
+    assert len(every) == volume.count and 0.1 * len(every) < len(some)
+    assert least < 0.2 or len(some) == 13 * 13 * 14
+    camera, settings = sg.Camera.orbit(volume, 30, 20, size=(24, 24)), EXACT.replace(blend="mip")
+    found, right = (sg.reference.render(splats, camera, settings).pixels for splats in (some, every))
+    assert right[..., 3].max() > 0.5
+    assert np.abs(found - right).max() < (1e-9 if least > 0.2 else 2e-3)
+
+
+def test_other_blends_extract_the_voxels_that_they_need() -> None:
+    volume, transfer = noisy_block(), sg.Transfer([(0.3, 0), (0.8, 0.9)])
+    splats = extract_for_settings(volume, transfer, sg.Settings(blend="mip"))
+    assert splats.post is not None and splats.post.largest and splats.post.is_current
+    assert select_splats(splats, sg.Settings(blend="mip"), False) is splats
+    for blend in ("minip", "mean", "attenuated-mip"):
+        assert len(select_splats(splats, sg.Settings(blend=blend), False)) == volume.count
+    composite = select_splats(splats, sg.Settings(), False)
+    assert composite.post is not None and not composite.post.largest and len(composite) < len(splats)
+    # what begins higher is there; what begins lower is not
+    assert splats.post.holds(sg.Transfer([(0.4, 0), (0.7, 0.9)]))
+    assert not splats.post.holds(sg.Transfer([(0.1, 0), (0.7, 0.9)]))
+
+
+def test_maxima_without_transparent_values_take_all_voxels() -> None:
+    volume = noisy_block()
+    for points in ([(0, 0.1), (1, 0.9)], [(0, 0.3), (0.2, 0.0), (0.5, 0.0), (0.8, 0.9)]):
+        assert len(sg.extract(volume, sg.Transfer(points), classification="post-max")) == volume.count
+    assert not len(sg.extract(volume, sg.Transfer([(5, 0), (6, 1)]), classification="post-max"))
 
 
 def test_the_plan_tells_what_it_does() -> None:

@@ -498,7 +498,7 @@ def test_what_extraction_refuses(renderer: sg.Renderer) -> None:
         (
             sg.Volume(cells()),
             {"classification": "after"},
-            "^classification: expected auto, pre, post, post-all or post-lean, got 'after'$",
+            "^classification: expected auto, pre, post, post-all, post-max or post-lean, got 'after'$",
         ),
     ):
         with pytest.raises(sg.InputError, match=said) as error:
