@@ -37,8 +37,8 @@ KERNEL_REACH = 2
 STEEP_REACH = 2 * KERNEL_REACH
 # share of the range of the samples around a place by which its value may exceed them
 OVERSHOOT = 0.04
-# voxels from samples beside places of values that a maximum may show: those that these places depend on; and those around,
-# which have no higher coefficients than the samples beside them, so that no mean of a part of a place's voxels is higher
+# voxels from samples beside places of values that a maximum may show: those that these places depend on; and those
+# around, which have no higher coefficients than the samples beside them, so that no mean of a part of them is higher
 NEAR_LARGEST = 1 + KERNEL_REACH
 AROUND_LARGEST = NEAR_LARGEST + KERNEL_REACH
 # coefficients on either side on which one of a gradient depends
