@@ -36,7 +36,7 @@ KERNEL_REACH = 2
 # voxels from one to the furthest that adds to a gradient with it
 STEEP_REACH = 2 * KERNEL_REACH
 # share of the range of the samples around a place by which its value may exceed them
-OVERSHOOT = 0.04
+OVERSHOOT = 0.1
 # voxels from samples beside places of values that a maximum may show: those that these places depend on; and those
 # around, which have no higher coefficients than the samples beside them, so that no mean of a part of them is higher
 NEAR_LARGEST = 1 + KERNEL_REACH

@@ -319,16 +319,15 @@ def noisy_block(deviation: float = 0.0) -> sg.Volume:
     return sg.Volume(samples)
 
 
-@pytest.mark.parametrize(("deviation", "most"), [(0.0, 13 * 13 * 14), (0.05, 7000)], ids=["clear", "in noise"])
+@pytest.mark.parametrize(("deviation", "most"), [(0.0, 13 * 13 * 14), (0.05, 13_500)], ids=["clear", "in noise"])
 def test_maxima_take_what_opaque_values_depend_on(deviation: float, most: int) -> None:
     """The float64 picture is that of all voxels: where noise is transparent, and where some of it is not."""
-    volume, transfer = noisy_block(deviation), sg.Transfer([(0.18 if deviation else 0.21, 0), (0.8, 0.9)])
+    volume, transfer = noisy_block(deviation), sg.Transfer([(0.18 if deviation else 0.23, 0), (0.8, 0.9)])
     some, every = (sg.extract(volume, transfer, classification=how) for how in ("post-max", "post-all"))
     assert len(every) == volume.count and 0 < len(some) <= most
     camera, settings = sg.Camera.orbit(volume, 30, 20, size=(40, 40)), EXACT.replace(blend="mip")
     found, right = (sg.reference.render(splats, camera, settings).pixels for splats in (some, every))
-    # a few places of noise are higher than its samples
-    assert right[..., 3].max() > 0.5 and np.abs(found - right).max() < (1e-9 if deviation else 5e-3)
+    assert right[..., 3].max() > 0.5 and np.abs(found - right).max() < 1e-9
 
 
 def test_other_blends_extract_the_voxels_that_they_need() -> None:
