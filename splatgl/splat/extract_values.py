@@ -110,7 +110,10 @@ def box_records(
     known to hold none are not read. Appends to `gaps` the places [N, 3] (x, y, z) of missing voxels within reach of
     their kernels.
     """
-    halo, nothing = max(halo_of(kernel), AROUND_LARGEST * post.largest), np.zeros(0, record_type(volume.shape, post=True))
+    halo, nothing = (
+        max(halo_of(kernel), AROUND_LARGEST * post.largest),
+        np.zeros(0, record_type(volume.shape, post=True)),
+    )
     if not post.faced:
         halo = max(halo, margin_of(kernel) + TAPS + STEEP_REACH * bool(post.steepness.any()))
     mask = MaskField.of(volume)
