@@ -51,8 +51,8 @@ def read_spz(path: Path) -> dict[str, np.ndarray]:
     body = np.frombuffer(data[16:], np.uint8).astype(np.int64)
     sizes = np.cumsum([0, 9, 1, 3, 3, 3]) * count
     place, alpha, color, scale, turn = (body[a:b].reshape(count, -1) for a, b in pairwise(sizes))
-    place = place.reshape(count, 3, 3) @ [1, 256, 65536]
-    world = np.where(place >= 2**23, place - 2**24, place) / 2.0**bits
+    fixed = place.reshape(count, 3, 3) @ np.array([1, 256, 65536])
+    world = np.where(fixed >= 2**23, fixed - 2**24, fixed) / 2.0**bits
     found = {name: world[:, axis] for axis, name in enumerate("xyz")}
     share = alpha[:, 0] / 255
     found["opacity"] = np.log(share / (1 - share + 1e-9))

@@ -29,7 +29,7 @@ from tests.helpers.page_reference import BROWSER, PageSplats, draw, in_browser, 
 # largest and root mean square difference of a page from the float64 reference of its splats, linear light: the guide's;
 # where voxels are much smaller than a pixel, half floats lose more of their faint opacities
 MOST, MOST_RMS, MOST_FAR = 4 / 255, 1 / 255, 10 / 255
-FIELDS = FRAME.fields or {}
+FIELDS: Any = FRAME.fields
 KERNEL = kernel("crawfis-max")
 SIZE = 40
 
