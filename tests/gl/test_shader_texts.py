@@ -120,7 +120,8 @@ def test_all_shaders_and_switches_occur() -> None:
     for switch, values in known.items():
         named = set(re.findall(rf"^#define ({switch}_\w+) \d", forms, re.MULTILINE))
         assert values >= named, f"{switch}: {named - values}"
-        assert len(values) > 1 or switch == "SIDE", f"{switch}: always {values}"
+        # quantised splats are drawn for pages alone: tests/exporters compiles them in OpenGL and in WebGL
+        assert len(values) > 1 or switch in ("SIDE", "QUANTIZED"), f"{switch}: always {values}"
     assert known["SHEETS"] == {"0", "2", "3", "4"}
 
 
