@@ -252,7 +252,7 @@ def list_by_tile(names: np.ndarray, bounds: np.ndarray, window: PixelWindow, sam
         last = np.clip(np.floor((place + reach - np.float32(0.5)) / size), -1, many - 1)
         ends.append((first.astype(np.int32), last.astype(np.int32)))
     (left, right), (top, bottom) = ends
-    parts, counts = [], []
+    parts, counts = list[np.ndarray](), list[np.ndarray]()
     for begin in range(0, down, max(MOST_TILES // across, 1)):
         end = min(begin + max(MOST_TILES // across, 1), down)
         low, high = np.maximum(top, begin), np.minimum(bottom, end - 1)

@@ -463,7 +463,7 @@ def extraction_kind(settings: Settings, moving: bool, why: str | None, voxels: i
 
     why: reason for `pre`, see `why_only_pre`. voxels: number of voxels of the volume.
     """
-    how = settings.classification
+    how: str = settings.classification
     if how == "auto":
         is_pre = why or why_per_splat(settings, moving) or (settings.shows_value and voxels > MOST_KEPT)
         how = "pre" if is_pre and not settings.needs_values else "post"

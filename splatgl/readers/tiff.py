@@ -195,6 +195,7 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
         if colored and not large:
             samples, color = _read_colors(image, series, number, index)
             return replace(_level_volume(samples, series, levels[0]), color=color)
+        samples: Any
         if large:
             (samples,) = read_in_parts(image, [number], series.axes, index)
         else:
@@ -433,7 +434,7 @@ def _read_pixels(
     with decoder_errors("TIFF"):
         pages_of = image.series.levels[level]
         ahead = len(pages_of.shape) - len(pages_of.keyframe.shape)
-        if index == (...,) or math.prod(pages_of.shape[:ahead]) != len(pages_of.pages):
+        if index[0] is ... or math.prod(pages_of.shape[:ahead]) != len(pages_of.pages):
             require_memory(byte_count(series.shape, series.dtype), image.path.stat().st_size)
             return np.asarray(pages_of.asarray()).reshape(series.shape)[index]
         numbers = np.arange(len(pages_of.pages)).reshape(series.shape[:ahead])[index[:ahead]]

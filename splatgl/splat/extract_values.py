@@ -110,10 +110,8 @@ def box_records(
     known to hold none are not read. Appends to `gaps` the places [N, 3] (x, y, z) of missing voxels within reach of
     their kernels.
     """
-    halo, nothing = (
-        max(halo_of(kernel), AROUND_LARGEST * post.largest),
-        np.zeros(0, record_type(volume.shape, post=True)),
-    )
+    nothing = np.zeros(0, record_type(volume.shape, post=True))
+    halo = max(halo_of(kernel), AROUND_LARGEST * post.largest)
     if not post.faced:
         halo = max(halo, margin_of(kernel) + TAPS + STEEP_REACH * bool(post.steepness.any()))
     mask = MaskField.of(volume)
@@ -142,7 +140,7 @@ def box_records(
 def _without_margins(near: np.ndarray, box: Box) -> tuple[np.ndarray, Box]:
     """The smallest part of a box that holds all voxels `near`, bool [d, h, w], some of which are; and its ends."""
     rows = near.any(axis=2)
-    lines = rows.any(axis=1), rows.any(axis=0), near.any(axis=(0, 1))
+    lines: tuple[np.ndarray, ...] = rows.any(axis=1), rows.any(axis=0), near.any(axis=(0, 1))
     z, y, x = (slice(int(line.argmax()), len(line) - int(line[::-1].argmax())) for line in lines)
     low: Any = tuple(a + side.start for a, side in zip(box[0], (z, y, x), strict=True))
     high: Any = tuple(a + side.stop for a, side in zip(box[0], (z, y, x), strict=True))

@@ -131,7 +131,7 @@ def help_sprite(size: tuple[int, int], shown: int, scale: float, commands: tuple
     text = Text(tuple("\t".join(row) for row in help_rows(commands)), "middle", fit=True)
     pixels = draw_overlay(Overlay(size, scale, (text,))).copy()
     pixels[:, shown:, 3] = 255
-    return Sprite(pixels, (0.0, 0.0, *map(float, size)))
+    return Sprite(pixels, (0.0, 0.0, float(size[0]), float(size[1])))
 
 
 def progress_text(frame: DisplayedFrame | None) -> str:
