@@ -159,7 +159,8 @@ def packing_of(path: Path) -> str:
 
 def open_unpacked(path: Path) -> Any:
     """Opens a file for reading; its bytes are unpacked if it is gzip or bzip2 data."""
-    return {"gzip": gzip.open, "bzip2": bz2.open, "": open}[packing_of(path)](path, "rb")
+    openers: dict[str, Callable[..., Any]] = {"gzip": gzip.open, "bzip2": bz2.open, "": open}
+    return openers[packing_of(path)](path, "rb")
 
 
 def inflated_size(file: IO[bytes], room: int) -> int:

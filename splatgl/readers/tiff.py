@@ -193,8 +193,8 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
         colored = _is_rgb(series) and (channel is None or _is_channelled(series))
         index = _index(series, z, replace(options, channel=0 if channel is None and colored else channel))
         if colored and not large:
-            samples, color = _read_colors(image, series, number, index)
-            return replace(_level_volume(samples, series, levels[0]), color=color)
+            gray, color = _read_colors(image, series, number, index)
+            return replace(_level_volume(gray, series, levels[0]), color=color)
         samples: Any
         if large:
             (samples,) = read_in_parts(image, [number], series.axes, index)
@@ -426,7 +426,7 @@ def _read_pixels(
     image: _Image,
     series: _Series,
     level: int,
-    index: tuple[int | slice, ...] = (...,),  # type: ignore[assignment]
+    index: tuple[Any, ...] = (...,),
 ) -> np.ndarray:
     """The samples at an index, all by default; only pages of it are decoded. Missing planes are 0."""
     if series.offset is not None:

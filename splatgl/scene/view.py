@@ -99,7 +99,7 @@ def angles(view: str, subject: Volume | Splats) -> tuple[float, float]:
 def along(view: str, subject: Volume | Splats) -> str:
     """The axis of the world that a standard view looks along, such as +y."""
     frame, up = getattr(subject, "frame", None), getattr(getattr(subject, "hints", None), "up", None)
-    sign, axis = ALONG[view]
+    sign, axis = ALONG[view][0], ALONG[view][1]
     # the front of a patient is -y in LPS and +y in RAS; the first plane of a microscope's stack is its top
     is_stack = up in (PLANES_UP, ROWS_UP)
     is_turned = {"x": frame == "LPS", "y": frame == "RAS" or is_stack, "z": is_stack}[axis]

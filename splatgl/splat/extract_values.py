@@ -139,8 +139,8 @@ def box_records(
 
 def _without_margins(near: np.ndarray, box: Box) -> tuple[np.ndarray, Box]:
     """The smallest part of a box that holds all voxels `near`, bool [d, h, w], some of which are; and its ends."""
-    rows = near.any(axis=2)
-    lines: tuple[np.ndarray, ...] = rows.any(axis=1), rows.any(axis=0), near.any(axis=(0, 1))
+    rows: np.ndarray = np.asarray(near.any(axis=2))
+    lines: tuple[Any, ...] = rows.any(axis=1), rows.any(axis=0), near.any(axis=(0, 1))
     z, y, x = (slice(int(line.argmax()), len(line) - int(line[::-1].argmax())) for line in lines)
     low: Any = tuple(a + side.start for a, side in zip(box[0], (z, y, x), strict=True))
     high: Any = tuple(a + side.stop for a, side in zip(box[0], (z, y, x), strict=True))
