@@ -275,7 +275,7 @@ def _threshold(factor: float) -> Run:
         threshold = max(threshold, LOWEST) if factor > 1 else threshold
         threshold = 0.0 if threshold < LOWEST * 0.999 else min(threshold, HIGHEST)
         return with_threshold(
-            replace(state, message=f"minimum opacity {threshold:.4g}: threshold of voxels"), threshold
+            replace(state, message=f"threshold {threshold:.4g}: voxels up to this opacity are skipped"), threshold
         )
 
     return change

@@ -441,7 +441,7 @@ class Panel:
         if has_segments:
             return state
         changed, threshold = imgui.slider_float(
-            label_left("minimum opacity"), state.style.threshold, 0.0, HIGHEST, "%.4f", logarithmic
+            label_left("threshold"), state.style.threshold, 0.0, HIGHEST, "%.4f", logarithmic
         )
         imgui.set_item_tooltip("Voxels up to this opacity are skipped (--threshold).")
         return with_threshold(state, min(max(threshold, 0.0), HIGHEST)) if changed else state
