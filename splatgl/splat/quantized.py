@@ -380,19 +380,6 @@ class QuantizedSplats:
                 kept.append(plane.tobytes())
         return zlib.compress(b"".join(kept)), about
 
-    @classmethod
-    def unpacked(cls, data: bytes, about: Sequence[Sequence[int]], count: int) -> np.ndarray:
-        """The words of packed splats."""
-        planes = np.frombuffer(zlib.decompress(data), np.uint8).reshape(-1, max(count, 1))
-        columns = list[np.ndarray]()
-        for kind, number in about:
-            columns.append(
-                np.full(count, number, np.uint8) if kind == 0 else (columns if kind == 1 else planes)[number]
-            )
-        halves = np.ascontiguousarray(np.stack(columns, axis=1)).view("<u2")
-        halves[:, :3] = np.cumsum(halves[:, :3], axis=0, dtype=np.uint16)
-        return np.ascontiguousarray(halves).view("<u4")
-
 
 def _words(matter: Matter, number: int, step: float, bits: int) -> np.ndarray:
     """The words uint32 [N, 4] of a layer."""
