@@ -29,7 +29,7 @@ from splatgl.planning.technique import (
     depth_batches,
     exp_doublings,
 )
-from splatgl.splat.kernels import BOX, FREE, SINGLE_ERROR, Kernel, has_negative
+from splatgl.splat.kernels import BOX, FREE, Kernel, has_negative
 from splatgl.splat.motion import Exposure, Motion, count_moments
 from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.settings import Settings
@@ -249,8 +249,7 @@ class Plan:
         """A description of the footprint table."""
         kind, size = self.lookup.kind, self.lookup.size
         if size == 1:
-            single = f"a polynomial within {SINGLE_ERROR:g} of its peak"
-            return {"polynomial": "polynomials", "single": single, "box": "exact lengths"}[kind]
+            return {"polynomial": "polynomials", "single": "a single polynomial", "box": "exact lengths"}[kind]
         name, sides = ("table", f"{size}×{size}") if kind == "table" else ("radial table", str(size))
         return f"{name} {sides} at {self.lookup.bits} bits"
 
