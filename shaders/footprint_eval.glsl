@@ -14,8 +14,7 @@
 #define FOOTPRINT_SINGLE 3
 // of the box of a voxel, see boxes.glsl
 #define FOOTPRINT_BOX 4
-// polynomials, see splatgl/splat/kernels.py: eight terms over s = D²/R², seven over 1 − s, where these begin, and 1/R²;
-// or three terms over 1 − s, their least power, and 1/R²
+// see splatgl/splat/kernels.py: eight terms over s = D²/R², seven over 1 − s, where these begin, and 1/R²
 
 // F/F(0) over [−R, R]²; or radial: one texel high, F/F(0) at a squared distance, and the step to the next
 uniform sampler2D footprint_table;
@@ -36,10 +35,10 @@ float filtered(sampler2D table, vec2 place) {
 // F/F(0) by the squared distance, in voxels
 float radial(float d2) {
     if (FOOTPRINT == FOOTPRINT_SINGLE) {
-        const vec4 c = vec4(POLYNOMIALS_0), scale = vec4(POLYNOMIALS_1);
-        // a widened footprint's terms may make the square negative
-        float u = clamp(1.0 - d2 * scale.x, 0.0, 1.0), u2 = u * u;
-        return u2 * (c.w == 4.0 ? u2 : u) * (c.x + u * (c.y + u * c.z));
+        const vec4 a = vec4(POLYNOMIALS_0), b = vec4(POLYNOMIALS_1), c = vec4(POLYNOMIALS_2);
+        float s = clamp(d2 * c.y, 0.0, 1.0), u = 1.0 - s, near = max(c.x - s, 0.0);
+        float whole = a.x + s * (a.y + s * (a.z + s * (a.w + s * (b.x + s * b.y))));
+        return u * u * u * whole + near * near * near * (b.z + s * b.w);
     }
     if (FOOTPRINT == FOOTPRINT_POLYNOMIAL) {
         // literal coefficients: a software renderer reloads a uniform on every use

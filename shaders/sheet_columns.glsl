@@ -91,8 +91,7 @@ void composite_tile(uvec4 mine, uint lane) {
         }
     }
     int next = next_base(at, end, names);
-    // what ends a loop is tested behind its body: a processor goes through all of it before it leaves
-    if (at < end || (mine.w == 1u && holding > 0)) do {
+    while (at < end || (mine.w == 1u && holding > 0)) {
         bool seen = false, waits = false, behind = false;
         do {
             if (holding <= 0) current = max(next, current);
@@ -131,11 +130,10 @@ void composite_tile(uvec4 mine, uint lane) {
             if (mine.w == 1u || !ONE_VALUE) least = 2.0;
             break;
         }
-        if (IN_ORDER) {
-            least = least_opacity();
-            if (!any_column(least <= opaque)) break;
-        }
-    } while (at < end || (mine.w == 1u && holding > 0));
+        if (!IN_ORDER) continue;
+        least = least_opacity();
+        if (!any_column(least <= opaque)) break;
+    }
     EACH(KEEP_MATTER)
     EACH(END)
     if (least <= opaque) STAY_OPEN(tile);

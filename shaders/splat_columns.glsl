@@ -17,8 +17,7 @@ void composite_tile(uvec4 mine, uint lane) {
     // equal for all splats unless bent: only parallel views use this path with antialiasing
     coverage = table_quad(vec3(0.0)).coverage;
     float least = 0.0;
-    // no list is empty; tested first, the end of a loop would cost a processor another turn
-    do {
+    for (; at < end; at += 4u) {
         uvec4 four = texelFetch(list, listed_at(at), 0);
         // all four are read before the first is blended, to hide latency; beyond the list's end the first repeats with
         // zero depth
@@ -37,8 +36,7 @@ void composite_tile(uvec4 mine, uint lane) {
         least = min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
                     min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
         if (IN_ORDER && least > opaque) break;
-        at += 4u;
-    } while (at < end);
+    }
     EACH(END)
     if (!IN_ORDER || least <= opaque) open[tile] = 1u;
 }

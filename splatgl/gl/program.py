@@ -69,9 +69,7 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
 def _polynomials(program: Program) -> dict[str, str]:
     """Returns the kernel's coefficients as the vectors of footprint_eval.glsl; empty without polynomials."""
     if program.footprint == "single":
-        single = single_polynomial(program.kernel)
-        assert single is not None
-        coefficients = [*single, kernel(program.kernel).radius ** -2]
+        coefficients = [*single_polynomial(program.kernel), kernel(program.kernel).radius ** -2]
     elif program.footprint == "polynomial":
         pieces = polynomials(program.kernel)
         assert pieces is not None

@@ -17,7 +17,7 @@ from splatgl.geometry.view import GridView
 from splatgl.planning.culling import ScreenBounds
 from splatgl.planning.resolve import has_radial_footprints, why_not_front_to_back
 from splatgl.splat.footprint import switch_depth
-from splatgl.splat.kernels import Kernel, kernel, polynomials, single_polynomial
+from splatgl.splat.kernels import Kernel, kernel, polynomials
 from splatgl.splat.settings import Settings, choices
 from splatgl.splat.splats import Splats
 
@@ -89,7 +89,7 @@ def batch_starts(count: int, number: int) -> list[int]:
 
 # polynomials have an error of 4e−5 of the footprint: accurate enough from this tolerance on
 POLYNOMIAL_TOLERANCE = 1e-3
-# a single polynomial for weights of values has an error of 4e−3, less where mass is small
+# a single polynomial for weights of values has an error of 4e−4, less where mass is small
 SINGLE_TOLERANCE = 3e-3
 
 
@@ -173,8 +173,7 @@ def choose_footprint(drawn: str, shape: Kernel, settings: Settings, means: bool 
     quick = drawn == "tiles" and settings.table_size is None and settings.tolerance >= POLYNOMIAL_TOLERANCE
     if not quick or polynomials(shape.name) is None:
         return "radial"
-    is_single = means and settings.tolerance >= SINGLE_TOLERANCE and single_polynomial(shape.name) is not None
-    return "single" if is_single else "polynomial"
+    return "single" if means and settings.tolerance >= SINGLE_TOLERANCE else "polynomial"
 
 
 def table_of_unsupported() -> list[tuple[str, ...]]:

@@ -376,25 +376,22 @@ def polynomials(name: str) -> Polynomials | None:
 
 
 @lru_cache(maxsize=8)
-def single_polynomial(name: str) -> tuple[float, ...] | None:
-    """c of u^c[3] (c[0] + c[1] u + c[2] u²), u = 1 − D²/R², within SINGLE_ERROR of F/F(0), below SINGLE_LEAST in
-    proportion; None if there is none.
+def single_polynomial(name: str) -> tuple[float, ...]:
+    """c of (1 − s)³ (c[0] + … + c[5] s⁵) + max(c[8] − s, 0)³ (c[6] + c[7] s), s = D²/R², within 4e−4 of F/F(0) for two
+    cubics, and a relative 8e−4 down to F/F(0) = 0.01; c[8] is the first knot's s.
 
     Enough for the weights of means: an error shifts a mean by the same share of its values' differences.
     """
-    if polynomials(name) is None:
-        return None
-    shape, u = kernel(name), _CHEBYSHEV
-    value = shape.footprint(np.sqrt(1 - u) * shape.radius) / shape.footprint(np.zeros(()))
+    shape = kernel(name)
+    knot = (shape.knots[0] / shape.radius) ** 2
+    s = np.concatenate([knot * _CHEBYSHEV, knot + (1 - knot) * _CHEBYSHEV])
+    value = shape.footprint(np.sqrt(s) * shape.radius) / shape.footprint(np.zeros(()))
+    outer = ((1 - s) ** 3)[:, None] * s[:, None] ** np.arange(SINGLE_TERMS)
+    near = (np.maximum(knot - s, 0.0) ** 3)[:, None] * s[:, None] ** np.arange(NEAR_TERMS)
     # where mass is small, an error weighs more
     share = 1 / np.maximum(value, SINGLE_LEAST)
-    fits = []
-    for power in SINGLE_POWERS:
-        basis = u[:, None] ** (power + np.arange(3)) * share[:, None]
-        found = _fit_minimax(basis, value * share)
-        fits.append((float(np.abs(basis @ found - value * share).max()), *map(float, found), float(power)))
-    error, *coefficients = min(fits)
-    return tuple(coefficients) if error < SINGLE_ERROR else None
+    coefficients = _fit_minimax(np.concatenate([outer, near], axis=1) * share[:, None], value * share)
+    return (*map(float, coefficients), knot)
 
 
 @lru_cache(maxsize=32)
@@ -454,8 +451,8 @@ def _cubic_integral(piece: tuple[float, float, float, float], d: np.ndarray, t: 
 
 # terms of the two polynomials, s at which the second begins, and s up to which it is fitted
 INNER_TERMS, OUTER_TERMS, SPLIT, END = 8, 7, 0.3, 0.998
-# least powers of the single one, its largest error, and F/F(0) below which that is in proportion
-SINGLE_POWERS, SINGLE_ERROR, SINGLE_LEAST = (3, 4), 6e-3, 0.03
+# of the single one, of its part before the first knot, and F/F(0) down to which its error is relative
+SINGLE_TERMS, NEAR_TERMS, SINGLE_LEAST = 6, 2, 0.03
 # share of the kernel's mass that tiles may leave out, from these tolerances on: pictures of bones change by RMSE 0.0008
 # and 0.0004, single pixels by 0.06; the last is less than the polynomial's error
 SINGLE_TAILS = (8 / 255, 0.03), (4 / 255, 0.01), (0.0, 2e-4)
