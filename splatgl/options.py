@@ -31,6 +31,7 @@ class HelpGroup(StrEnum):
     OPENGL = "OpenGL"
     PAPER = "the paper's method, and experts"
     ANIMATION = "animation"
+    EXPORT = "the file"
     COMPARISON = "comparison"
     LIMITS = "limits"
 

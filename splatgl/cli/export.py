@@ -45,7 +45,7 @@ from splatgl.writers.surface import EXTRA, SAVED, iso_mesh, save_mesh
 
 EXAMPLES = """examples:
   splatgl export head.nii.gz -o head.html
-  splatgl export head.nii.gz --preset ct-bone -o head.html --splats 200000 --max-size 3MB
+  splatgl export head.nii.gz -o head.html --splats 200000 --max-size 3MB
   splatgl export head.nii.gz -o head.spz
   splatgl export wind.vti --streamlines -o wind.glb"""
 

@@ -86,7 +86,8 @@ class Parser(argparse.ArgumentParser):
         from splatgl.options import HelpGroup
 
         # groups that commands share
-        places = {str(group): place for place, group in enumerate(HelpGroup) if group != HelpGroup.ANIMATION}
+        own = (HelpGroup.ANIMATION, HelpGroup.EXPORT)
+        places = {str(group): place for place, group in enumerate(HelpGroup) if group not in own}
         self._action_groups.sort(key=lambda group: places.get(group.title or "", -1))
         if everything or not self.is_long:
             return super().format_help()

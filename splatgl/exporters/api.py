@@ -36,19 +36,17 @@ class ExportOptions:
     format: str | None = option(
         None,
         ValueKind.choice(tuple(FORMATS)),
-        "format (default: by the name's ending): html, a page; ply or spz, 3-D Gaussians; glb, surfaces and lines",
-        group=HelpGroup.OUTPUT,
-        level="basic",
+        "format (default: by the ending): html, a page; ply, spz: 3-D Gaussians; glb: surfaces",
+        group=HelpGroup.EXPORT,
         metavar="NAME",
     )
     splats: int = option(
         SPLATS,
         ValueKind.whole(1, MOST_SPLATS),
-        "maximum number of splats: more voxels are joined to larger splats",
-        group=HelpGroup.OUTPUT,
-        level="basic",
+        "maximum number of splats, to which voxels are joined",
+        group=HelpGroup.EXPORT,
     )
-    bits: int = option(8, ValueKind.one_of(8, 16), "bits of values in a page (default 8)", group=HelpGroup.OUTPUT)
+    bits: int = option(8, ValueKind.one_of(8, 16), "bits of values in a page (default 8)", group=HelpGroup.EXPORT)
     max_size: int = option(
         MOST_BYTES,
         ValueKind(
@@ -60,8 +58,7 @@ class ExportOptions:
             hint="int | str",
         ),
         "maximum size of a page, such as 3MB (default 10MB)",
-        group=HelpGroup.OUTPUT,
-        level="basic",
+        group=HelpGroup.EXPORT,
     )
 
     def __post_init__(self) -> None:

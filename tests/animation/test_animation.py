@@ -885,7 +885,7 @@ def test_patterns_in_folders_with_brackets(here: Path) -> None:
     for source in ("run [1]/t9.npy", "https://host/a.nrrd?b=[1]"):
         assert expanded([source]) == [source]
     assert animate("run [1]/t*.npy", "-o", "out [2]{frame}.png") == 0 and Path("out [2]1.png").is_file()
-    with pytest.raises(sg.InputError, match="the file's name alone"):
+    with pytest.raises(sg.InputError, match="a pattern that files fit, got none"):
         expanded(["run [12]/t*.npy"])
 
 

@@ -114,7 +114,7 @@ MEANT = {
     **{"--camera-position": "--eye", "--cpos": "--eye", "--focal-point": "--look-at", "--view-up": "--up"},
     **{"--rotate": "--azimuth", "--yaw": "--azimuth", "--pitch": "--elevation", "--view-angle": "--fov"},
     **{"--parallel-projection": "--orthographic", "--scale-bar": "--annotate scale", "--ruler": "--annotate scale"},
-    **{"--scalar-bar": "--annotate colorbar", "--legend": "--annotate colorbar", "--axis": "--annotate axes"},
+    **{"--scalar-bar": "--annotate colorbar", "--legend": "--annotate legend", "--axis": "--annotate axes"},
     **{"--bounding-box": "--annotate box", "--title": "--annotate title=TEXT", "--roi": "--crop", "--cut": "--clip"},
     **{"--overlay": "--layer", "--segmentation": "--labels", "--model": "--mesh", "--scalars": "--array"},
     **{"--component": "--channel", "--timestep": "--time", "--voxel-size": "--spacing", "--dims": "--shape"},
