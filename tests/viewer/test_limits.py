@@ -308,7 +308,7 @@ def test_a_click_is_shown_between_two_portions(monkeypatch: pytest.MonkeyPatch) 
     """With what it changes; a new input cancels a full picture instead, and no preview."""
     view = Viewer.__new__(Viewer)
     view.window = window = cast(Any, SimpleNamespace(wait=lambda seconds: None, closing=False))
-    view.panel = SimpleNamespace(touched=False)
+    view.panel, view.effects = SimpleNamespace(touched=False), []
     shown: list[int] = []
 
     def redisplay(self: Viewer) -> None:

@@ -704,8 +704,10 @@ def test_splats_are_classified_as_the_settings_say(after: LayerSplats) -> None:
     before = after.for_settings(streaked, moving=True)
     assert before.at(1).post is None and len(before.at(1)) < len(after.at(1)) and not before.is_post_classified
     assert before.for_settings(streaked, moving=True) is before and before.for_settings(POST) == after
-    every = after.for_settings(POST.replace(blend="mip"))
+    every = after.for_settings(POST.replace(blend="minip"))
     assert every.at(1).post is not None and len(every.at(1)) == after.volume.samples.size
+    largest = after.for_settings(POST.replace(blend="mip")).at(1)
+    assert largest.post is not None and largest.post.largest and len(largest) < len(every.at(1))
     assert after.for_settings(PRE) == before and before.why_pre_classified(streaked, True) == "motion exact"
     other = after.for_settings(POST.replace(kernel="crawfis-max"))
     assert other.at(1).post is not None and other.at(1).post.kernel == "crawfis-max"
