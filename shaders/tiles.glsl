@@ -88,23 +88,23 @@ Extent extent_of(vec3 t, float radius) {
     return Extent(radius / t.z + PIXEL_MARGIN, radius / t.x + PIXEL_MARGIN * (1.0 + abs(k)), k);
 }
 
-#if COMPUTE
 // In the last two words of bounds. Wider than any picture, it is everywhere in its rows.
 vec2 packed_extent(Extent it) {
+#if COMPUTE
     const float most = 60000.0;
     vec2 rounded = unpackHalf2x16(packHalf2x16(vec2(0.0, clamp(it.k, -most, most))));
     float width = (it.width + abs(it.k - rounded.y) * it.height) * 1.002;
     uint words = width < most ? packHalf2x16(vec2(width, rounded.y)) : packHalf2x16(vec2(65504.0, 0.0));
     return vec2(it.height, uintBitsToFloat(words));
+#else
+    return vec2(it.height, length(vec2(it.width, it.k * it.height)));
+#endif
 }
 
+#if COMPUTE
 Extent unpacked_extent(vec2 words) {
     vec2 rest = unpackHalf2x16(floatBitsToUint(words.y));
     return Extent(words.x, rest.x, rest.y);
-}
-#else
-vec2 packed_extent(Extent it) {
-    return vec2(it.height, length(vec2(it.width, it.k * it.height)));
 }
 #endif
 

@@ -18,7 +18,7 @@ from splatgl.gl.device import Device
 from splatgl.gl.meshes import LIMIT_UNITS, DepthLimits
 from splatgl.gl.program import cover, set_uniforms
 from splatgl.gl.quads import SheetQuads
-from splatgl.gl.shader import ABREAST, LISTED
+from splatgl.gl.shader import ABREAST, LISTED, ShaderError
 from splatgl.gl.sheet_tiles import MOST_ENTRIES, sheet_uniforms
 from splatgl.gl.target import Portions, RenderTarget
 from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT
@@ -107,7 +107,7 @@ class SheetFragments:
             uniforms["depth_unit"] = limits.unit / splats.grid.mean_spacing
         switches = {"NEAR": near is not None, "LIMITED": limits is not None, "CARD": self.programs.shape.name == "card"}
         spec = Spec(target, plan, portions, uniforms, "sheet_draw.frag", switches, limits)
-        lists = self._listed(spec, splats)
+        lists = self._listed(spec, splats) if self._compiles(spec) else None
         if lists is None:
             self.quads.draw(target, splats, plan, order, portions, limits)
             return
@@ -118,6 +118,19 @@ class SheetFragments:
             draw = partial(self._draw_windows, spec, lists, stride=plan.samples)
             needed = self.single.needed(plan, plan.window, draw)
         self._draw_windows(spec, lists, target, plan.window, 1, needed)
+
+    def _compiles(self, spec: Spec) -> bool:
+        """Whether the driver takes the fragments' text, which no driver of a card has been seen to take."""
+        try:
+            self._drawing(spec)
+        except ShaderError:
+            return False
+        return True
+
+    def _drawing(self, spec: Spec) -> moderngl.Program:
+        """The program that draws the fragments."""
+        more = {**spec.switches, "ROWS": self.programs.shape.rows, "COMPUTE": False}
+        return self.programs.for_screen("sheet_draw.frag", spec.plan.program, more)
 
     def _listed(self, spec: Spec, splats: Splats) -> TileLists | None:
         """Projects the splats and returns their lists by tiles of one sample a pixel; None if these are too long."""
@@ -192,8 +205,7 @@ class SheetFragments:
         self._make((across * (COLUMNS if rows == 1 else COLUMNS // 2), down * tall), (across, down))
         assert self.fragments is not None and self.ranges is not None and self.placed.list is not None
         self.ranges.write(np.ascontiguousarray(ranges), (0, 0, across, down), alignment=4)
-        more = {**spec.switches, "ROWS": rows, "COMPUTE": False}
-        program = self.programs.for_screen("sheet_draw.frag", spec.plan.program, more)
+        program = self._drawing(spec)
         placed = {name: PLACED_UNIT + unit for unit, name in enumerate(PLACED)}
         units = {**placed, "list": LIST_UNIT, "ranges": RANGES_UNIT, "half_table": HALF_LINE_UNIT, **LIMIT_UNITS}
         set_uniforms(program, **units, **spec.uniforms, origin=band.box[:2], tiles=(across, down), stride=stride)

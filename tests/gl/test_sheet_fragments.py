@@ -11,6 +11,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.gl import sheet_fragments
+from splatgl.gl.shader import ShaderError
 from splatgl.gl.sheet_fragments import list_by_tile
 from splatgl.gl.target import Interrupted
 from splatgl.planning.culling import PixelWindow
@@ -61,6 +62,22 @@ def test_fragments_draw_what_quads_and_float64_draw(older: sg.Renderer, settings
     # far less than wrong lists or sheets would change
     for other in (by_quads, exact):
         assert np.abs(drawn.pixels - other).max() <= max(chosen.tolerance / 8, CLOSE / 4)
+
+
+def test_a_driver_that_rejects_the_text_draws_quads(older: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    splats, camera, chosen = subject()
+    programs = older.passes.device.programs
+    compiled = programs.for_screen
+
+    def rejecting(fragment: str, *given: Any) -> Any:
+        if fragment == "sheet_draw.frag":
+            raise ShaderError("no such extension")
+        return compiled(fragment, *given)
+
+    monkeypatch.setattr(programs, "for_screen", rejecting)
+    drawn = older.render(splats, camera, chosen).pixels
+    right = older.render(splats, camera, chosen.replace(technique="quads")).pixels
+    assert drawn.max() > 0.1 and np.abs(drawn - right).max() <= CLOSE / 4
 
 
 @pytest.mark.compute
