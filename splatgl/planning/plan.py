@@ -309,6 +309,8 @@ def plan(
     """The plan of a picture, in which no setting is `auto`. motion: of the scene since the previous frame. tiles:
     whether the renderer prefers them; "sheets": for these alone; None if unsupported.
     """
+    if not (tiles is None or isinstance(tiles, bool) or (isinstance(tiles, str) and tiles == "sheets")):
+        raise expected("tiles", "True, False, sheets or None", repr(tiles)[:80])
     return plan_layer(ResolvedLayer.of(splats, camera, settings or Settings(), motion), tiles)
 
 

@@ -134,7 +134,7 @@ def test_a_camera_a_transfer_function_and_splats(volume: sg.Volume, renderer: sg
         ({"azimuth": "left"}, "azimuth: expected one finite number"),
         ({"background": "blau"}, "background: expected"),
         ({"blend": "add"}, "blend: expected composite"),
-        ({"transfer": "bone"}, "preset: expected one of"),
+        ({"transfer": "bony"}, "preset: expected one of"),
         ({"transfer": 3}, "transfer: expected a Transfer"),
         ({"transfer": {"point": ()}}, "transfer: expected keys"),
         ({"camera": 3}, "camera: expected a Camera"),
