@@ -86,8 +86,8 @@ class Parser(argparse.ArgumentParser):
         from splatgl.options import HelpGroup
 
         # groups that commands share
-        own = (HelpGroup.ANIMATION, HelpGroup.EXPORT)
-        places = {str(group): place for place, group in enumerate(HelpGroup) if group not in own}
+        alone = (HelpGroup.ANIMATION, HelpGroup.EXPORT)
+        places = {str(group): place for place, group in enumerate(HelpGroup) if group not in alone}
         self._action_groups.sort(key=lambda group: places.get(group.title or "", -1))
         if everything or not self.is_long:
             return super().format_help()
