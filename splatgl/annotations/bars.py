@@ -35,7 +35,7 @@ class BarScale(NamedTuple):
 
 
 class ScaleBar(NamedTuple):
-    """What is stated of a scale bar. length: with a unit, or of the world without; None: a round one. corner: one of
+    """The stated parts of a scale bar. length: with a unit, or of the world without; None: a round one. corner: one of
     CORNERS. thickness: pixels. color: linear RGB.
     """
 

@@ -199,7 +199,7 @@ def camera_json(camera: Camera) -> dict[str, Any]:
 
 
 def _described(scene: OpenScene | SubjectView, splats: QuantizedSplats, planned: Plan) -> dict[str, Any]:
-    """What page.js knows of a scene beside the splats."""
+    """The scene for page.js, without its splats."""
     outline, camera = planned.splats, scene.camera
     center = outline.corners.mean(axis=0)
     depth = float(camera.eye_from_points(center)[2])

@@ -35,8 +35,8 @@ GRADIENT_HALO = 2
 KERNEL_REACH = 2
 # voxels from one to the furthest that adds to a gradient with it
 STEEP_REACH = 2 * KERNEL_REACH
-# share of the range of the samples around a place by which its value may exceed them
-OVERSHOOT = 0.1
+# share of the range of the samples around a place by which its value may exceed them: of uniform noise by 0.13
+OVERSHOOT = 0.15
 # voxels from samples beside places of values that a maximum may show: those that these places depend on; and those
 # around, which have no higher coefficients than the samples beside them, so that no mean of a part of them is higher
 NEAR_LARGEST = 1 + KERNEL_REACH
@@ -158,6 +158,7 @@ def _meets(post: ValueClassifier, samples: np.ndarray) -> bool:
             return False
         ends = finite.min(), finite.max()
     low, high = post.relative(np.array(ends))
+    high += OVERSHOOT * (high - low) * post.largest
     return bool(((post.wanted[:, 0] <= high) & (post.wanted[:, 1] >= low)).any())
 
 
