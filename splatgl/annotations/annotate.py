@@ -142,8 +142,9 @@ def check(annotate: Sequence[str]) -> tuple[str, ...]:
 def check_size(annotate: Sequence[str], size: tuple[int, int]) -> None:
     """Raises InputError for an image too small for annotations."""
     if annotate and min(size) < LEAST_SIDE:
-        fix = "draw a larger one, or leave --annotate out"
-        raise expected("annotate", f"a picture of at least {LEAST_SIDE}×{LEAST_SIDE}", f"{size[0]}×{size[1]}", fix)
+        option = "measure" if tuple(annotate) == ("measures",) else "annotate"
+        fix = f"draw a larger one, or leave --{option} out"
+        raise expected(option, f"a picture of at least {LEAST_SIDE}×{LEAST_SIDE}", f"{size[0]}×{size[1]}", fix)
 
 
 def check_time(annotate: Sequence[str]) -> None:

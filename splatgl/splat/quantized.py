@@ -341,13 +341,7 @@ class QuantizedSplats:
     @property
     def normals(self) -> np.ndarray:
         """[N, 3]: unit normals, or zeros."""
-        x, y = self.words[:, 2] & 0xFF, (self.words[:, 2] >> 8) & 0xFF
-        none = (x == 0) & (y == 0)
-        f = (np.stack([x, y], axis=1).astype(np.float64) - 128) / 127
-        n = np.concatenate([f, 1 - np.abs(f).sum(axis=1, keepdims=True)], axis=1)
-        t = np.maximum(-n[:, 2], 0)[:, None]
-        n[:, :2] += np.where(n[:, :2] >= 0, -t, t)
-        return np.where(none[:, None], 0.0, n / np.linalg.norm(n, axis=1, keepdims=True))
+        return octahedral_normal(self.words[:, 2] & 0xFFFF)
 
     def classified(self) -> tuple[np.ndarray, np.ndarray]:
         """Linear RGB [N, 3], and optical depth [N] per mean spacing."""
@@ -414,3 +408,12 @@ def _octahedral(normal: np.ndarray) -> np.ndarray:
     place = np.where(n[:, 2:] >= 0, n[:, :2], np.stack(folded, axis=1))
     one, two = np.rint(place * 127 + 128).astype(np.uint32).T
     return np.where(size[:, 0] > 0, one | two << 8, 0).astype(np.uint32)
+
+
+def octahedral_normal(code: np.ndarray) -> np.ndarray:
+    """Unit vectors [N, 3] of two bytes [N]; zeros of 0."""
+    f = (np.stack([code & 0xFF, code >> 8], axis=1).astype(np.float64) - 128) / 127
+    n = np.concatenate([f, 1 - np.abs(f).sum(axis=1, keepdims=True)], axis=1)
+    t = np.maximum(-n[:, 2], 0)[:, None]
+    n[:, :2] += np.where(n[:, :2] >= 0, -t, t)
+    return np.where((code == 0)[:, None], 0.0, n / np.linalg.norm(n, axis=1, keepdims=True))

@@ -16,12 +16,13 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.data.color import srgb_from_linear
+from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.planning.resolve import END_CORRECTION
 from splatgl.reference.blend import blend_opacity, pixel_means
 from splatgl.reference.rays import FootprintRow
 from splatgl.splat.footprint import fill_depth, run_lengths
 from splatgl.splat.lighting import apply_light
+from splatgl.splat.quantized import octahedral_normal
 from splatgl.splat.splats import OCTAVES, POINT, POINT_VALUE, VALUE, VOXEL, is_points, linear_color
 from tests.helpers.noise import GRIDS, noise, views
 from tests.helpers.splatting import SPLATS
@@ -60,6 +61,8 @@ PLUMBING = {
     # how rows of a tile join values, which tests/planning/test_one_value.py compares with float64
     "join_values",
     *("set_column", "begin_matter", "set_layer", "keep_piece", "boxed", "within_depths"),
+    # fragments of tiles, which tests/gl/test_sheet_fragments.py compares with compute shaders
+    *("fragment_of", "lane_of", "tile_of"),
 }
 # Python names of functions that GLSL names otherwise
 OTHER_NAMES = {
@@ -376,3 +379,16 @@ def test_the_window_s_colours(twin: Twin, rng: np.random.Generator) -> None:
         state = {"ground": ground, "background": (0.0, 0.0, 0.0, 0.0)}
         found = twin("screen.frag", "result.xyz = below(a)", state=state, a=at.T)[:, :3].T
         assert np.abs(found - below(at, ground)).max() < 1e-7
+
+
+def test_splats_of_web_pages(twin: Twin, rng: np.random.Generator) -> None:
+    """Linear light to float32; normals within half a step of 16 bits, zero without one."""
+    page: Any = {"QUANTIZED": 1}
+    color = rng.random((COUNT, 3))
+    found = twin("splat_setup.glsl", "result.xyz = linear_from_srgb(a)", state=page, a=color)[:, :3]
+    assert np.abs(found - linear_from_srgb(color)).max() < 1e-6
+    code = rng.integers(257, 2**16, COUNT)
+    code[0] = 0
+    expression = "result.xyz = vec3(octahedral_normal(uvec2(a + 0.5)))"
+    found = twin("splat_setup.glsl", expression, state=page, a=np.stack([code & 0xFF, code >> 8], axis=1))[:, :3]
+    assert np.abs(found / 32767 - octahedral_normal(code)).max() < 0.51 / 32767 + 1e-6

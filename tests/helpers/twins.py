@@ -97,9 +97,15 @@ def _source(folder: Path, files: list[str], expression: str, arrays: Mapping[str
 
 @cache
 def _version(name: str) -> int:
-    """The lowest GLSL version of the stages that are or include a file: all that its functions may count on."""
+    """The lowest GLSL version of the stages that are or include a file: all that its functions may count on.
+
+    Stages without a version that could be composed with COMPUTE are not: theirs is off, a twin's is on.
+    """
     stages = [path.name for path in shader.folder().iterdir() if path.suffix != ".glsl" and path.name != "twin.vert"]
     expanded = {stage: list(shader._expand(stage, (), set())) for stage in stages}
+    for stage, blocks in list(expanded.items()):
+        if "COMPUTE" in shader.declared_switches(stage) and not any(block.version for block in blocks):
+            del expanded[stage]
     using = [
         blocks
         for blocks in expanded.values()

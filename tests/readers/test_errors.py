@@ -125,6 +125,8 @@ BAD = [
 
 @pytest.mark.parametrize(("name", "data", "message"), BAD, ids=lambda value: value if isinstance(value, str) else "")
 def test_bad_file(tmp_path: Path, name: str, data: bytes, message: str) -> None:
+    if "by VTK" in message:
+        pytest.importorskip("vtk", reason="reads such files")
     path = tmp_path / name
     path.write_bytes(data)
     tracemalloc.start()

@@ -153,6 +153,7 @@ def values() -> dict[str, Any]:
         **{"dtype": "uint8", "header_offset": 1, "offset": 1, "channel": 5, "time": 1, "level": 1, "series": 1},
         **{"well": "A/1", "field": 1, "color": "x.png", "relief": 2.0, "point_size": 3.0, "anywhere": True},
         **{"own": {"gain": 2}, "reader_option": {"gain": 2}},
+        **{"measures": [((1, 1, 1), (3, 1, 1))], "measure": [((1, 1, 1), (3, 1, 1))]},
     }
 
 
@@ -172,6 +173,7 @@ CALLED = {
         "mesh": "meshes",
         "offset": "header_offset",
         "reader_option": "own",
+        "measures": "measure",
     },
     **{"slices": "slice", "slice_planes": "slice", "slice_plane": "slice"},
     # settings of earlier versions
@@ -242,6 +244,7 @@ BESIDE: dict[str, Mapping[str, Any]] = {
     "blur_width": {"antialias": "paper", "zoom": 0.5},
     "uncut": {"clip": "x>0.7", "labels": segments(), "uncut": ""},
     "annotate": {"size": 64},
+    "measures": {"size": 64},
     "clip_meshes": {"clip": "x>0.5", "meshes": [tetrahedron()]},
     "caps": {"clip": "x>0.5", "meshes": [tetrahedron()]},
     "only_labels": {"labels": segments()},

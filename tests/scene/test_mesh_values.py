@@ -183,6 +183,7 @@ def numbers(mesh: sg.Mesh) -> np.ndarray:
 
 
 def vtp(folder: Path, points: str = "", cells: str = "", active: str = "") -> str:
+    pytest.importorskip("vtk", reason="reads them")
     (folder / "a.vtp").write_text(VTP.format(points=points, cells=cells, active=active))
     return str(folder / "a.vtp")
 

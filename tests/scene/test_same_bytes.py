@@ -147,7 +147,7 @@ def test_accuracy_on_demand_is_that_of_the_command(look: str, capsys: pytest.Cap
         assert isinstance(accuracy, Accuracy) and accuracy is image.accuracy
         assert accuracy.checked == info["checked"] and accuracy.error_bound == info["error_bound"]
         assert accuracy.tolerance_met is (None if look in ("default", "layers") else info["tolerance_met"])
-        assert accuracy.comparisons[0] in said and str(accuracy).endswith(accuracy.comparisons[0])
+        assert accuracy.summary in said and str(accuracy).endswith(accuracy.comparisons[0])
 
 
 def test_accuracy_of_a_renderer_of_bricks_and_of_files(renderer: Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
