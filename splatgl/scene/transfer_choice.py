@@ -16,7 +16,7 @@ from splatgl.errors import expected
 from splatgl.options import HelpGroup, ValueKind, checked, declared, no_effect, option
 from splatgl.transfer.colormaps import base_name
 from splatgl.transfer.label_detection import AMOUNTS, LABELS
-from splatgl.transfer.presets import default_transfer, preset, window_question
+from splatgl.transfer.presets import default_transfer, noise_note, preset, window_question
 from splatgl.transfer.regions import check_iso, check_regions, move_image
 from splatgl.transfer.statistics import statistics
 from splatgl.transfer.transfer import Transfer
@@ -367,10 +367,17 @@ def faint_share(scene: SceneFile, volume: Volume, transfer: Transfer) -> float:
 
 
 def transfer_notes(keys: Mapping[str, Any], volume: Volume) -> tuple[str, ...]:
-    """Returns notes on a window that may be meant as level and width, and on iso-surfaces at values that no sample of a
-    volume in memory passes. Keys that the transfer function refuses have none.
+    """Returns notes on a window that may be meant as level and width, on windows that begin in the noise, and on
+    iso-surfaces at values that no sample of a volume in memory passes; none on keys that the transfer function refuses.
     """
     notes = list[str]()
+    stated, own = keys.get("window"), dict(keys.get("window_of", ()))
+    for part in volume.channels if len(volume.channels) > 1 else (volume,):
+        # a look states opacities of its own
+        of_file = None if keys.keys() & {*STATED, "level_width", "colors"} else part.hints.window
+        with suppress(TypeError, ValueError):
+            note = noise_note(part, ValueKind.interval().check(own.get(part.name, stated) or of_file))
+            notes += [note] * bool(note)
     with suppress(TypeError, ValueError):
         question = window_question(volume, ValueKind.interval().check(keys.get("window")))
         notes += [question] * bool(question)

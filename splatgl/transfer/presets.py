@@ -20,7 +20,15 @@ from splatgl.errors import expected
 from splatgl.readers.common import FIELD, is_field
 from splatgl.transfer.colormaps import base_name, labels_of, select_labels
 from splatgl.transfer.label_detection import LABELS, MASK, kind_of
-from splatgl.transfer.statistics import ClassThreshold, NoiseBackground, Statistics, sorted_percentile, statistics
+from splatgl.transfer.statistics import (
+    ClassThreshold,
+    NoiseBackground,
+    Statistics,
+    background_of,
+    sorted_percentile,
+    statistics,
+    values_of_planes,
+)
 from splatgl.transfer.transfer import Nodes, Transfer
 
 if TYPE_CHECKING:
@@ -379,6 +387,24 @@ def over_window(base: Transfer, low: float, high: float) -> Transfer:
 def is_ct(volume: Volume) -> bool:
     """Whether the values are in Hounsfield units, by the file or by their distribution."""
     return volume.value_unit == "HU" or (not volume.value_unit and _is_hounsfield(statistics(volume)))
+
+
+# voxels from which noise that is drawn costs more than a moment, and least share of them that it is
+DENSE, NOISY = 1 << 20, 0.25
+
+
+def noise_note(volume: Volume, window: Sequence[float]) -> str:
+    """A note on a window that begins in the noise of a large volume's background; "" if it does not."""
+    if volume.count < DENSE or volume.labels is not None or volume.color is not None:
+        return ""
+    values, low = values_of_planes(volume), window[0]
+    ground = background_of(values, NOISY)
+    if ground is None or low >= ground.cut:
+        return ""
+    share = np.count_nonzero((values > low) & (values <= ground.cut)) / len(values)
+    noise = f"the noise ({ground.level:.3g} ± {ground.noise:.2g}, {100 * share:.0f} % of the voxels)"
+    note = f"{volume.name or 'the volume'}: the window begins at {low:g}, within {noise}; "
+    return f"{note}one from {ground.cut:.3g} on leaves it out, and is drawn faster" if share >= NOISY else ""
 
 
 # Hounsfield units that are a level by custom, of lungs, and of tissue with contrast up to bone

@@ -290,6 +290,8 @@ def _count_up_to(values: np.ndarray, value: float) -> int:
 
 # maximum number of planes and values of a sample: a few tens of MB, half a second
 PLANES, VALUES = 32, 1 << 21
+# planes in which noise is looked for where a window is stated
+FEW_PLANES = 5
 # share of samples at exactly the lowest value, or in the noise around one, from which a volume counts as sparse
 SPARSE = 0.95
 # sparse volumes with fewer other values than this in the sample are read whole
@@ -386,6 +388,11 @@ def spread(volume: Volume) -> float:
     return sorted_percentile(values, HISTOGRAM_END) - sorted_percentile(values, 100 - HISTOGRAM_END)
 
 
+def values_of_planes(volume: Volume) -> np.ndarray:
+    """Finite values, sorted, of FEW_PLANES planes from the first to the last."""
+    return _sort_finite(_sample(_small_level(volume), FEW_PLANES))
+
+
 # steps of a series whose values are read to choose its look, and of one whose values are constant in these
 SAMPLED_STEPS = (5, 17)
 
@@ -460,12 +467,12 @@ def _small_level(volume: Volume) -> Volume:
     return next((level for level in (volume, *volume.coarser) if level.count <= MOST_OF_LEVEL), volume)
 
 
-def _sample(volume: Volume) -> np.ndarray:
-    """Samples [d, h, w] of at most PLANES planes, of the volume's type; includes the first and last planes, rows and
+def _sample(volume: Volume, most: int = PLANES) -> np.ndarray:
+    """Samples [d, h, w] of at most `most` planes, of the volume's type; includes the first and last planes, rows and
     columns.
     """
     depth, height, width = volume.shape
-    planes = distinct(np.linspace(0, depth - 1, PLANES).round().astype(int))
+    planes = distinct(np.linspace(0, depth - 1, most).round().astype(int))
     step = max(1, int(np.ceil(np.sqrt(len(planes) * height * width / VALUES))))
     y, x = (distinct(np.append(np.arange(0, n, step), n - 1)) for n in (height, width))
     kind = volume.samples.dtype.newbyteorder("=")

@@ -11,6 +11,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
+from splatgl.data.volume import Hints, Volume
 from splatgl.errors import InputError
 from splatgl.readers.dicom_vendors import ANGIOGRAM, is_angiogram
 from splatgl.scene.open_scene import OpenScene
@@ -98,6 +99,32 @@ def test_a_window_that_may_be_level_and_width_is_asked_about() -> None:
     (note,) = (note for note in notes if "--level-width" in note)
     assert note.endswith("--level-width 40,400 spans -160 to 240")
     assert not SceneFile("v", held=volume, transfer={"level_width": (40, 400)}).open().notes
+
+
+def test_a_window_that_begins_in_the_noise_is_noted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the user, the file, or a channel; not of other values, and of looks with opacities."""
+    monkeypatch.setattr("splatgl.transfer.presets.DENSE", 4096)
+    samples = np.random.default_rng(5).normal(100, 6, (20, 30, 40))
+    samples[8:12, 10:20, 10:20] += 500
+    stack = Volume(samples.astype(np.float32), name="stack")
+
+    def notes(volume: Volume, **keys: Any) -> list[str]:
+        found = SceneFile("v", held=volume, transfer=keys).open().notes
+        return [note for note in found if "noise" in note]
+
+    (note,) = notes(stack, window=(90, 600))
+    assert note.startswith("stack: the window begins at 90, within the noise (100 ± 6, 9") and "from 12" in note
+    hinted = replace(stack, hints=Hints(window=(90.0, 600.0)))
+    assert (
+        notes(hinted) == [note] and notes(hinted, points=((90, 0), (600, 1))) == notes(stack, window=(140, 600)) == []
+    )
+    channels = tuple(replace(hinted, name=name) for name in ("a", "b"))
+    both = replace(hinted, channels=channels)
+    assert notes(both, window_of={"a": (140, 600)}) == [note.replace("stack", "b")]
+    assert (
+        notes(replace(stack, samples=np.linspace(0, 1, 24000, dtype=np.float32).reshape(20, 30, 40)), window=(0, 1))
+        == []
+    )
 
 
 # --- modalities -------------------------------------------------------------------------------------------------------
