@@ -110,7 +110,7 @@ def test_survivors_and_tests_that_tell_nothing_fail(
     for mutant, code, told in (
         (killed, 0, "killed"),
         (harmless, 1, "SURVIVES"),
-        (missing, 2, "no tests ran"),
+        (missing, 2, "ERROR: not found"),
         (unreadable, 2, "ended with 4"),
         (shader, 2, "GLSL Compiler failed"),
     ):
