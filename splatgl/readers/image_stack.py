@@ -39,7 +39,14 @@ from splatgl.readers.tiff import (
     values_of,
 )
 from splatgl.readers.tiff_images import find_calibration, find_pixels
-from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page, jpeg_xl_size
+from splatgl.readers.tiff_validation import (
+    check_before_decoding,
+    check_chain,
+    check_ome,
+    check_page,
+    check_strips,
+    jpeg_xl_size,
+)
 
 # formats of slices by ending
 KINDS = {".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}
@@ -281,6 +288,7 @@ def _with_page(file: Path, use: Any) -> Any:
         if len(tiff.pages) != 1:
             raise expected(file.name, "one page a slice", f"{len(tiff.pages)} pages", "load the file alone")
         check_page(tiff.pages[0])
+        check_strips(tiff.pages)
         check_before_decoding(tiff.pages)
         require_memory(byte_count(tiff.pages[0].shape, tiff.pages[0].dtype), file.stat().st_size)
         return use(tiff.pages[0])

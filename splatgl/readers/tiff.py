@@ -45,7 +45,7 @@ from splatgl.readers.tiff_images import (
     read_survey,
     select_image,
 )
-from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page
+from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page, check_strips
 
 # planes that metadata may state beyond the file's pages, as aborted recordings do; missing planes are read as 0
 _FREE_PLANES, _PLANES_PER_PAGE = 4096, 64
@@ -374,9 +374,7 @@ def _check_codec(series: Any, pages: Sequence[Any]) -> None:
             )
     if len(series.pages) > _FREE_PLANES + _PLANES_PER_PAGE * len(pages):
         raise expected("planes", f"about the file's {len(pages)} pages", len(series.pages), "save it whole in one file")
-    strips, there = math.prod(first.chunked), min(len(page.dataoffsets) for page in pages)
-    if strips > there:
-        raise expected("strips or tiles", f"{strips} a page", there, "the header is damaged")
+    check_strips(pages)
 
 
 def _check_bytes(series: _Series, pages: Sequence[Any], is_several: bool) -> None:
@@ -494,8 +492,10 @@ def resolution_grid(dpi: tuple[float, float]) -> tuple[Grid, str]:
 
 def tiff_dpi(page: Any) -> tuple[float, float]:
     """Pixels per inch along x and y by the tags; 0 if there are none."""
-    per = {2: 1.0, 3: _INCH / 10}.get(int(page.resolutionunit), 0.0)
-    x, y = (float(number) * per for number in page.get_resolution(page.resolutionunit)) if per else (0.0, 0.0)
+    # damaged tags have several values, or text
+    unit = page.resolutionunit
+    per = {2: 1.0, 3: _INCH / 10}.get(unit, 0.0) if isinstance(unit, int) else 0.0
+    x, y = (float(number) * per for number in page.get_resolution(unit)) if per else (0.0, 0.0)
     return x, y
 
 

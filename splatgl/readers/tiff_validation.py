@@ -118,8 +118,10 @@ CODECS = {number: name for name, numbers in _NUMBERS.items() for number in numbe
 
 
 def check_page(page: Any) -> None:
-    """Raises InputError for packed sample types, codecs without a size bound, and strips that are too large."""
+    """Raises InputError for no pixels, packed sample types, codecs without a size bound, and strips too large."""
     frame = page.keyframe
+    if not all(frame.shape):
+        raise expected("size", "at least one pixel", "×".join(map(str, frame.shape)), "the header is damaged")
     if frame.dtype is None:
         raise expected("samples", "8 to 64 bits each", f"{frame.bitspersample} bits", "convert the file")
     if int(frame.compression) not in CODECS:
@@ -128,6 +130,14 @@ def check_page(page: Any) -> None:
     strip = math.prod(frame.chunks) * frame.dtype.itemsize
     if strip > MAX_BYTES:
         raise expected("strips or tiles", f"at most {MAX_BYTES} bytes", strip, "the header is damaged")
+
+
+def check_strips(pages: Iterable[Any]) -> None:
+    """Raises InputError for pages with fewer strips or tiles than their size needs."""
+    for page in pages:
+        strips, there = math.prod(page.keyframe.chunked), len(page.dataoffsets)
+        if strips > there:
+            raise expected("strips or tiles", f"{strips} a page", there, "the header is damaged")
 
 
 # rows and columns of a picture, () if its header tells none; and its tiles

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -78,3 +79,38 @@ def test_a_damaged_file_is_refused(tmp_path: Path, tile: tuple[int, int] | None)
     path.write_bytes(data)
     with pytest.raises(InputError, match="in no table"):
         sg.load(path)
+
+
+def with_tag(data: bytes, code: int, kind: int, count: int, value: int) -> bytes:
+    """A little-endian TIFF with another entry of a tag that it has."""
+    start = int.from_bytes(data[4:8], "little")
+    for place in range(start + 2, start + 2 + 12 * int.from_bytes(data[start : start + 2], "little"), 12):
+        if int.from_bytes(data[place : place + 2], "little") == code:
+            return data[: place + 2] + struct.pack("<HII", kind, count, value) + data[place + 12 :]
+    raise AssertionError(code)
+
+
+@pytest.mark.parametrize(
+    ("tag", "said"),
+    [
+        # one strip of as many rows as a card's memory has
+        ((257, 4, 1, 2**29), r"strips or tiles: expected \d+ a page, got 1"),
+        ((256, 4, 1, 0), "size: expected at least one pixel|damaged"),
+        ((296, 3, 2, 2 + (3 << 16)), ""),
+        ((296, 2, 1, 1), ""),
+    ],
+    ids=["rows", "no columns", "several units", "a text as unit"],
+)
+@pytest.mark.parametrize("several", [False, True], ids=["file", "slices"])
+def test_damaged_tags(tag: tuple[int, int, int, int], said: str, several: bool, tmp_path: Path) -> None:
+    """Of a file and of slices: sizes are refused before there is memory for them, units are ignored."""
+    for name in ("z0.tif", "z1.tif"):
+        plane = np.arange(99, dtype=np.uint8).reshape(9, 11)
+        tifffile.imwrite(tmp_path / name, plane, compression="zlib", rowsperstrip=9, resolution=(99, 99))
+        (tmp_path / name).write_bytes(with_tag((tmp_path / name).read_bytes(), *tag))
+    path = tmp_path if several else tmp_path / "z0.tif"
+    if said:
+        with pytest.raises(InputError, match=said):
+            sg.load(path)
+    else:
+        assert sg.load(path).shape[1:] == (9, 11)
