@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from difflib import get_close_matches
 from enum import StrEnum
-from inspect import Parameter, isfunction, signature
+from inspect import Parameter, Signature, cleandoc, isfunction, signature
 from math import inf, isfinite
 from numbers import Real
+from textwrap import shorten
 from typing import Any, ClassVar, Literal, TypeVar, get_args
 
 from splatgl.errors import SIMILAR, InputError, expected
@@ -250,12 +252,32 @@ def names_of(*records: Any) -> list[str]:
     return [name for record in records for name, option in declared(record).items() if option.group]
 
 
-Function = TypeVar("Function", bound=Callable[..., Any])
+Target = TypeVar("Target", bound=Any)
+# most choices that a line of help lists, and its length
+MOST_CHOICES, LONGEST_LINE = 8, 140
 
 
-def keyword(name: str, hint: str, default: Any = None) -> Parameter:
+class Keyword(Parameter):
+    """A parameter that is given by its name, with a line of help."""
+
+    __slots__ = ("help",)
+
+    def __init__(self, name: str, kind: Any = Parameter.KEYWORD_ONLY, *, help: str = "", **more: Any) -> None:
+        super().__init__(name, kind, **more)
+        self.help = help
+
+    def replace(self, **changes: Any) -> Keyword:
+        """The keyword with changes."""
+        changed = super().replace(**changes)
+        changed.help = self.help
+        return changed
+
+
+def keyword(name: str, hint: str, default: Any = None, help: str = "") -> Keyword:
     """A parameter that is given by its name. hint: its type, as Python that type checkers read."""
-    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=hint)
+    # options of the command line by their keywords
+    text = re.sub(r"--([a-z-]+)", lambda found: found[1].replace("-", "_"), help)
+    return Keyword(name, default=default, annotation=hint, help=text)
 
 
 def keywords_of(record: Any, *names: str, flags: bool = False) -> dict[str, Parameter]:
@@ -267,10 +289,15 @@ def keywords_of(record: Any, *names: str, flags: bool = False) -> dict[str, Para
         option = options.get(item.name)
         hint = option.kind.hint if option else str(item.type).replace("Triple", "Numbers")
         hint += " | None" * bool(option and hint and item.default is None)
-        found[item.name] = keyword(item.name, hint, None if item.default is MISSING else item.default)
+        text = option.summary or option.kind.expected if option else item.metadata.get("help", "")
+        # their choices, unless the help or a page lists them
+        choices = [] if "…" in text else [repr(name) for name in option.choices if name] if option else []
+        text += f": {', '.join(choices)}" * (1 < len(choices) <= MOST_CHOICES)
+        found[item.name] = keyword(item.name, hint, None if item.default is MISSING else item.default, text)
         if flags and option and option.flag:
             is_bare, flag = option.is_bare, flag_name(option)
-            found[flag] = keyword(flag, "bool" if is_bare else hint, False if is_bare else item.default)
+            same = f"{item.name}={option.bare!r}" if is_bare else item.name
+            found[flag] = keyword(flag, "bool" if is_bare else hint, False if is_bare else item.default, f"as {same}")
     return found
 
 
@@ -292,17 +319,44 @@ def by_fields(options: Mapping[str, Any], *records: Any) -> dict[str, Any]:
     return found
 
 
-def with_keywords(*tables: Mapping[str, Parameter]) -> Callable[[Function], Function]:
-    """A decorator that lists keywords in the signature of a function in place of its `**options`, for help and
-    completion.
-    """
-    added = {name: parameter for table in tables for name, parameter in table.items()}
+class OptionSignature(Signature):
+    """A signature with keywords, for completion; its text has `**options`, as the docstring has a line of each."""
 
-    def add(function: Function) -> Function:
-        whole = signature(function)
-        plain = [parameter for parameter in whole.parameters.values() if parameter.kind != Parameter.VAR_KEYWORD]
-        vars(function)["__signature__"] = whole.replace(parameters=[*plain, *added.values()])
-        return function
+    def __str__(self) -> str:
+        plain = [item for item in self.parameters.values() if not isinstance(item, Keyword)]
+        defaults = {item.name: "" if item.default is item.empty else f" = {item.default!r}" for item in plain}
+        hints = {item.name: "" if item.annotation is item.empty else f": {item.annotation}" for item in plain}
+        lines = [f"    {item.name}{hints[item.name]}{defaults[item.name]},\n" for item in plain]
+        back = "" if self.return_annotation is self.empty else f" -> {self.return_annotation}"
+        rest = "**given" if "options" in hints else "**options"
+        return (f"(\n{''.join(lines)}    {rest},\n)" if lines else f"({rest})") + back
+
+
+def describe_keywords(sections: Mapping[str, Mapping[str, Parameter]]) -> str:
+    """A line of each keyword, with its default, below the titles of sections."""
+    lines = []
+    for title, table in sections.items():
+        lines += ["", f"{title}:", ""] if table else []
+        for name, item in table.items():
+            text = f"{name}={item.default!r}: {getattr(item, 'help', '')}".removesuffix(": ")
+            lines.append(f"    {shorten(text, LONGEST_LINE, placeholder=' …')}")
+    return "\n".join(lines)
+
+
+def with_keywords(
+    table: Mapping[str, Parameter], sections: Mapping[str, Mapping[str, Parameter]] | None = None
+) -> Callable[[Target], Target]:
+    """A decorator that lists keywords in the signature of a function or class in place of its `**options`, for
+    completion, and in its docstring, for help. sections: those of the docstring by titles.
+    """
+
+    def add(target: Target) -> Target:
+        whole = Signature() if isinstance(target, type) else signature(target)
+        plain = [item for name, item in whole.parameters.items() if item.kind != item.VAR_KEYWORD and name not in table]
+        described = describe_keywords(sections or {"Options, with their defaults": table})
+        target.__signature__ = OptionSignature([*plain, *table.values()], return_annotation=whole.return_annotation)
+        target.__doc__ = f"{cleandoc(target.__doc__ or '')}\n{described}\n"
+        return target
 
     return add
 

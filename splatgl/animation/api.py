@@ -39,12 +39,12 @@ Wrote = Callable[[Path], None]
 
 # keywords of an animation alone: its time points may be several
 TIMES = {
-    "time": keyword("time", "slice | int | float | str | None"),
+    "time": keyword("time", "slice | int | float | str | None", help="time points, such as slice(0, 20, 2), or one"),
     **keywords_of(Timeline),
     **keywords_of(WorkerOptions, *names_of(WorkerOptions)),
-    "fps": keyword("fps", "float | None"),
-    "bits": keyword("bits", "Literal[8, 16]", 8),
-    "resume": keyword("resume", "bool", False),
+    "fps": keyword("fps", "float | None", help="frames per second (default 30, of a short series fewer)"),
+    "bits": keyword("bits", "Literal[8, 16]", 8, "bits of the frames' samples: 8, 16"),
+    "resume": keyword("resume", "bool", False, "keep frames that exist"),
 }
 
 

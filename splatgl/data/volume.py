@@ -131,6 +131,11 @@ class Slab:
 
 
 @public
+def _field(help: str) -> Any:
+    """A field that is None by default, with a line of help."""
+    return field(default=None, metadata={"help": help})
+
+
 @dataclass(frozen=True)
 class ArrayOptions:
     """Options for an array; None: as the array itself states.
@@ -139,12 +144,12 @@ class ArrayOptions:
     values: the meaning of samples, "labels" or "amounts".
     """
 
-    spacing: Triple | None = None
-    origin: Triple | None = None
-    unit: str | None = None
-    name: str | None = None
-    array: str | int | None = None
-    values: str | None = None
+    spacing: Triple | None = _field("lengths of a voxel along x, y, z, world units")
+    origin: Triple | None = _field("position (x, y, z) of the first voxel's centre, world units")
+    unit: str | None = _field("unit of lengths, such as 'mm'")
+    name: str | None = _field("name of the volume")
+    array: str | int | None = _field("name or number of the array, where the object holds several")
+    values: str | None = _field("meaning of samples: 'labels', 'amounts'")
 
     @property
     def given(self) -> dict[str, Any]:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
-import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, replace
-from inspect import Parameter, Signature
+from inspect import Parameter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
@@ -48,7 +46,7 @@ if TYPE_CHECKING:
     from splatgl.keywords import CheckKeywords, CutsKeywords, LightKeywords, LookKeywords, RenderKeywords, ViewKeywords
 
 
-Function = TypeVar("Function", bound=Callable[..., Any])
+Target = TypeVar("Target", bound=Any)
 
 # options of the transfer function that are keywords; `shading` is a setting
 TRANSFER = names_of(TransferChoice, Transfer)
@@ -60,26 +58,37 @@ PLAIN = {
     **keywords_of(TransferChoice),
     **keywords_of(Transfer, *names_of(Transfer), flags=True),
     **keywords_of(SceneFile, *names_of(SceneFile), flags=True),
-    **{name: keyword(name, hint) for name, hint in (("labels", "Any"), ("clip_meshes", "bool"))},
+    "labels": keyword("labels", "Any", help="a segmentation that is laid over the volume"),
+    "clip_meshes": keyword("clip_meshes", "bool", help="whether clip and crop cut meshes (default True)"),
     **keywords_of(MeshFile, *names_of(MeshFile)),
     **{name: _vectors[item].replace(name=name) for name, item in VECTORS.items()},
-    **{name: keyword(name, hint) for name, hint in (("like", "str | None"), ("paper", "bool"))},
+    "like": keyword("like", "str | None", help="defaults of an earlier version: '0.1', '0.2'"),
+    "paper": keyword("paper", "bool", help="the settings of the paper's hardware"),
     **keywords_of(DrawOptions, "memory"),
     **keywords_of(ArrayOptions),
     **keywords_of(LoadOptions, *names_of(LoadOptions), flags=True),
     # text: the unit of an array's lengths; a number or "extent": the length that opacities refer to
-    "unit": keyword("unit", "str | float | None"),
+    "unit": keyword(
+        "unit",
+        "str | float | None",
+        help="length that opacities refer to, or unit of an array's lengths, such as 'mm'",
+    ),
 }
 
 
 def _groups() -> Iterator[tuple[str, str]]:
     """Names of keywords, and the group of each on the command line."""
-    for record in (LoadOptions, ViewOptions, Settings, TransferChoice, Transfer, SceneFile, MeshFile):
+    for record in (LoadOptions, ViewOptions, Settings, TransferChoice, Transfer, SceneFile, MeshFile, Vectors):
         for name, option in declared(record).items():
             yield from ((key, option.group) for key in (name, flag_name(option)) if key and option.group)
 
 
-_GROUPS = dict(_groups())
+_GROUPS = {
+    **dict(_groups()),
+    **dict.fromkeys(("labels", "clip_meshes"), HelpGroup.LAYERS),
+    **dict.fromkeys(("like", "paper"), HelpGroup.PAPER),
+    "memory": HelpGroup.SPEED,
+}
 
 
 def _of_group(group: HelpGroup) -> dict[str, Parameter]:
@@ -143,7 +152,7 @@ class Check(OptionGroup):
 # by their keywords
 GROUPS: dict[str, type[OptionGroup]] = {kind.__name__.lower(): kind for kind in (View, Look, Cuts, Light, Check)}
 for _kind in GROUPS.values():
-    _kind.__signature__ = Signature([*_kind.known.values()])  # type: ignore[attr-defined]
+    with_keywords(_kind.known)(_kind)
 
 # of `view` and `light`, which are names of options, too
 _hints = {name: f"{PLAIN[name].annotation.removesuffix(' | None')} | " if name in PLAIN else "" for name in GROUPS}
@@ -179,24 +188,18 @@ def ungrouped(options: Mapping[str, Any], *slots: Any) -> tuple[dict[str, Any], 
     return merged, [None if isinstance(slot, OptionGroup) else slot for slot in slots]
 
 
-def with_groups(*tables: Mapping[str, Parameter]) -> Callable[[Function], Function]:
-    """A decorator that lists all keywords of pictures, and further ones, in the signature of a function, and their
-    groups in its docstring.
+def with_groups(table: Mapping[str, Parameter] | None = None) -> Callable[[Target], Target]:
+    """A decorator that lists all keywords of pictures, and those of a table, in the signature of a function and, by the
+    groups that also take them, in its docstring.
     """
-
-    def add(function: Function) -> Function:
-        titles = {f"{name} ({kind.__name__})": kind.known for name, kind in GROUPS.items()}
-        rest = {name: item for name, item in PLAIN.items() if not any(name in known for known in titles.values())}
-        lines = [f"{title}: {', '.join(known)}" for title, known in {**titles, "others": rest}.items()]
-        text = "\n".join(
-            textwrap.fill(line, 112, initial_indent="    ", subsequent_indent="        ") for line in lines
-        )
-        function.__doc__ = (
-            f"{inspect.cleandoc(function.__doc__ or '')}\n\nKeywords by the objects that also take them:\n\n{text}\n"
-        )
-        return with_keywords(KEYWORDS, *tables)(function)
-
-    return add
+    own = table or {}
+    sections: dict[str, dict[str, Parameter]] = {}
+    for name, item in PLAIN.items():
+        kind = next((kind for kind in GROUPS.values() if name in kind.known), None)
+        title = f"Options of sg.{kind.__name__}" if kind else f"Options, {_GROUPS.get(name, HelpGroup.READING)}"
+        if name not in own:
+            sections.setdefault(title, {})[name] = item
+    return with_keywords({**KEYWORDS, **own}, {"Options of this function alone": own, **sections})
 
 
 # options of a scene that are keywords; the last ones are those of settings as a whole

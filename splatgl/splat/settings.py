@@ -448,8 +448,9 @@ class Settings(Blending):
         ).replace(**changes)
 
 
-for _method in (Settings.replace, Settings.like.__func__, Settings.paper.__func__):  # type: ignore[attr-defined]
-    with_keywords(keywords_of(Settings))(_method)
+_makers = (Settings.like.__func__, Settings.paper.__func__)  # type: ignore[attr-defined]
+for _function in (Settings.__init__, Settings.replace, *_makers):
+    with_keywords(keywords_of(Settings))(_function)
 
 
 def choices() -> dict[str, tuple[str, ...]]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+import pydoc
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.coercion import public
+from splatgl.options import Keyword
 from splatgl.scene.api import GROUPS, KEYWORDS, PLAIN
 
 BALL = sg.scenes.ball(3)
@@ -177,10 +180,19 @@ def test_groups_are_disjoint_and_listed_in_help() -> None:
     names = [name for kind in GROUPS.values() for name in kind.known]
     assert len(names) == len(set(names))
     assert set(names) < set(PLAIN)
-    text = inspect.getdoc(sg.render) or ""
-    listed = text[text.index("view (View)") :].replace(",", " ").split()
-    assert set(PLAIN) <= set(listed)
     assert list(inspect.signature(sg.View).parameters) == list(sg.View.known)
+
+
+@pytest.mark.parametrize("function", [sg.render, sg.show, sg.depth_map, sg.animate, sg.export, sg.load, sg.Settings])
+def test_help_has_a_line_of_each_option(function: Any) -> None:
+    text = pydoc.plain(pydoc.render_doc(function))
+    lines = dict(re.findall(r"(?m)^[ |]+([a-z_]+)=\S.*?: (.+)$", text))
+    names = {name for name, item in inspect.signature(function).parameters.items() if isinstance(item, Keyword)}
+    assert names - (GROUPS.keys() - PLAIN.keys()) <= lines.keys()
+    assert max(map(len, text.splitlines())) < 160
+    if function is sg.render:
+        assert lines["azimuth"] == "degrees around the up axis (default 30)"
+        assert lines["look_at"] == "point that eye looks at (default: the centre)"
 
 
 def test_colors_as_numbers() -> None:
