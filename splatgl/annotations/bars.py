@@ -312,7 +312,7 @@ def draw_legend(layer: Canvas, view: AnnotationView) -> None:
         layer.notes.append("no legend: there is one layer only, without segments")
         return
     shown = rows if len(rows) <= MOST_ROWS else rows[: MOST_ROWS - 1]
-    texts = [_shorten(name) for name, _ in shown] + [f"{len(rows) - len(shown)} more"] * (len(shown) < len(rows))
+    texts = [shorten_label(name) for name, _ in shown] + [f"{len(rows) - len(shown)} more"] * (len(shown) < len(rows))
     sizes, gap = [layer.text_size(text) for text in texts], layer.em // 2
     wide, tall = layer.em + gap + max(size[0] for size in sizes), sum(size[1] for size in sizes)
     (width, height), pad = layer.size, layer.pad
@@ -352,7 +352,7 @@ def _draw_bar(bar: ColorBar, em: int, ink: Color, has_opacity: bool = False) -> 
     """Bar with numbers and curve; a row of the bar is a pixel high. has_opacity: whether the curve's end is written."""
     sizes = Canvas(np.zeros((1, 1, 4), np.float32), ink, font=em)
     rows, edge = len(bar.colors), sizes.edge
-    label = _shorten(bar.label)
+    label = shorten_label(bar.label)
     marks = bar.marks()
     texts = [f"{mark:g}" for mark in marks]
     line = sizes.text_size(label)[1]
@@ -380,11 +380,11 @@ def _draw_bar(bar: ColorBar, em: int, ink: Color, has_opacity: bool = False) -> 
     return layer
 
 
-def _shorten(label: str) -> str:
-    """A label of at most MOST_LETTERS: the name is cut, its unit stays where it leaves room for half of them."""
+def shorten_label(label: str, most: int = MOST_LETTERS) -> str:
+    """A label of at most so many letters: the name is cut, its unit stays where it leaves room for half of them."""
     _, comma, unit = label.rpartition(", ")
-    end = f"...{comma}{unit}" if comma and len(unit) < MOST_LETTERS // 2 - 5 + 1 else "..."
-    return label if len(label) <= MOST_LETTERS else label[: MOST_LETTERS - len(end)] + end
+    end = f"...{comma}{unit}" if comma and len(unit) < most // 2 - 5 + 1 else "..."
+    return label if len(label) <= most else label[: most - len(end)] + end
 
 
 def _frame(left: int, top: int, wide: int, tall: int) -> list[tuple[float, float]]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.annotations.bars import in_digits, length_text, ticks
+from splatgl.annotations.bars import in_digits, length_text, shorten_label, ticks
 from splatgl.annotations.canvas import (
     WHITE,
     AnnotatedSubject,
@@ -219,6 +219,8 @@ LINES = draw_edges, draw_behind
 COLORS: tuple[Color, ...] = ((0.75, 0.04, 0.03), (0.02, 0.40, 0.04), (0.08, 0.22, 0.90))
 # lengths of an axis and of its arrow head, in font heights
 LONG, HEAD = 2.2, 0.55
+# most letters of the file's name of an axis
+MOST_LETTERS = 9
 # letters towards + and − of world x, y, z
 LETTERS = {"LPS": ("LR", "PA", "SI"), "RAS": ("RL", "AP", "SI")}
 # smallest component of a direction that adds a second letter: 20° off the first
@@ -239,16 +241,22 @@ def letters(frame: str, direction: np.ndarray) -> str:
 def draw_triad(layer: Canvas, view: AnnotationView) -> None:
     """Draws the triad at the lower left, the farthest axis first."""
     long, em = LONG * layer.em, layer.em
+    names = [shorten_label(axis.name, MOST_LETTERS) for axis in view.subject.axes] or [*"xyz"]
+    sizes = np.array([layer.text_size(name) for name in names])
+    # a name of one letter is as wide as high
+    wide = max(1.0, (sizes[:, 0].max() - 2 * layer.edge) / em)
     half = int(np.ceil(long + 1.3 * em))
-    (width, height), pad, side = layer.size, layer.pad, 2 * half
-    starts = [(pad, height - pad - side), (width - pad - side, height - pad - side), (pad, pad)]
-    place = layer.reserve([Rect(x, y, x + side, y + side) for x, y in starts], "axes")
+    across = int(np.ceil(long + 1.3 * em * wide))
+    (width, height), pad = layer.size, layer.pad
+    right, bottom = width - pad - 2 * across, height - pad - 2 * half
+    starts = [(pad, bottom), (right, bottom), (pad, pad)]
+    place = layer.reserve([Rect(x, y, x + 2 * across, y + 2 * half) for x, y in starts], "axes")
     if place is None:
         return
-    middle = np.array([place.left + half, place.top + half], np.float64)
+    middle = np.array([place.left + across, place.top + half], np.float64)
     # of world x, y, z: right, down and away from the eye
     axes = view.camera.eye_from_world.T
-    letters_at = middle + _apart(_ends(axes, em), em)
+    letters_at = middle + _apart(_ends(axes, em, wide), em) * (wide, 1)
     for axis in np.argsort(-axes[:, 2], kind="stable"):
         along, color = axes[axis, :2], COLORS[axis]
         reach = float(np.linalg.norm(along))
@@ -259,16 +267,18 @@ def draw_triad(layer: Canvas, view: AnnotationView) -> None:
             back = tip - unit * HEAD * em * min(1.0, reach * 2)
             layer.lines([[middle, back]], color)
             layer.polygon(np.array([tip, back + across * 0.25 * em, back - across * 0.25 * em]), color)
-    for axis, color in enumerate(COLORS):
-        corner = letters_at[axis] - np.array(layer.text_size("xyz"[axis])) / 2
-        layer.text("xyz"[axis], round(corner[0]), round(corner[1]), color)
+    for name, size, at, color in zip(names, sizes, letters_at, COLORS, strict=True):
+        left = min(max(round(at[0] - size[0] / 2), place.left), place.right - size[0])
+        layer.text(name, left, round(at[1] - size[1] / 2), color)
 
 
-def _ends(axes: np.ndarray, em: int) -> np.ndarray:
-    """Places [3, 2] of the axes' letters, from the triad's middle: past the tips, or beside an axis along the view."""
+def _ends(axes: np.ndarray, em: int, wide: float) -> np.ndarray:
+    """Places [3, 2] of the axes' names, from the triad's middle: past the tips, or beside an axis along the view. wide:
+    width of a name over its height, by which x is divided.
+    """
     reach = np.linalg.norm(axes[:, :2], axis=1)[:, None]
     unit = np.where(reach > 1e-6, axes[:, :2] / np.maximum(reach, 1e-12), np.array([0.7, -0.7]))
-    return np.asarray(axes[:, :2] * LONG * em + unit * 0.7 * em)
+    return np.asarray(axes[:, :2] / (wide, 1) * LONG * em + unit * 0.7 * em)
 
 
 def _apart(places: np.ndarray, em: int) -> np.ndarray:

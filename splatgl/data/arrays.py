@@ -84,8 +84,8 @@ def of_xarray(x: Any, options: ArrayOptions) -> Volume:
     flat = {str(name): entry.attrs for name, entry in array.coords.items() if entry.ndim > 1}
     is_placed = options.spacing is not None or all(name in array.coords for name in names[1:])
     grid = replace(grid, notes=(*grid.notes, *curved_notes(flat, is_placed)))
-    title = str(array.name or array.attrs.get("long_name", ""))
-    return grid.volume(samples, "coordinates", name=title, value_unit=value_unit_name(array.attrs.get("units")))
+    title, unit = str(array.attrs.get("long_name") or ""), value_unit_name(array.attrs.get("units"))
+    return grid.volume(samples, "coordinates", name=str(array.name or title), quantity=title, value_unit=unit)
 
 
 def time_points_of(x: Any) -> list[Any]:

@@ -45,14 +45,21 @@ def is_field(name: str, array: bool = False) -> bool:
     return named or (array and lower in LETTERS)
 
 
-def array_fields(array: str, dtype: np.dtype, unit: str, length: str, vectors: bool = False) -> dict[str, Any]:
-    """Fields of the `Volume` of an array: quantity by its name, "" for one that says nothing, such as data; value_unit;
-    hints of a field for real numbers of that name, for lengths of `vectors`, and for quantities with a `unit` over
-    degrees, metres or kilometres, where other objects have millimetres. length: the grid's unit.
+def array_fields(
+    array: str, dtype: np.dtype, unit: str, length: str, vectors: bool = False, title: str = ""
+) -> dict[str, Any]:
+    """Fields of the `Volume` of an array: quantity by its title, else by its name, "" for one that says nothing, such
+    as data; value_unit; hints of a field for real numbers of that name, for lengths of `vectors`, and for quantities
+    with a `unit` over degrees, metres or kilometres, where other objects have millimetres. length: the grid's unit.
+    title: its long name.
     """
     known = vectors or is_field(array, array=True) or (unit and length in ("", "m", "km"))
     hints = Hints(preset=FIELD) if known and dtype.kind == "f" else Hints()
-    return {"hints": hints, "value_unit": unit, "quantity": "" if _NAMELESS.fullmatch(array) else array}
+    return {
+        "hints": hints,
+        "value_unit": unit,
+        "quantity": title.strip() or ("" if _NAMELESS.fullmatch(array) else array),
+    }
 
 
 # most bytes that one byte of deflate data can expand to (zlib's technical notes: 1032:1)

@@ -119,7 +119,8 @@ def read_dataset(path: Path, dataset: Any, options: LoadOptions, notes: tuple[st
     packing = None if is_complex else Packing.of(stated, dataset.dtype, attribute_text(dataset, "_Unsigned"))
     values_of = magnitudes if is_complex else packing.values if packing else None
     dtype = np.dtype(np.float32) if packing else dataset.dtype
-    about = {"frame": frame, **array_fields(name, dtype, _value_unit(dataset), grid.unit)}
+    title = attribute_text(dataset, "long_name")
+    about = {"frame": frame, **array_fields(name, dtype, _value_unit(dataset), grid.unit, title=title)}
 
     def read_channel(channel: int | None) -> Volume:
         picked: dict[int, str | int] = dict.fromkeys(set(range(len(dataset.shape))) - {*axes, colors}, 0)

@@ -28,7 +28,7 @@ ATTRIBUTES = (
     *("DIMENSION_LABELS", "DIMENSION_LIST", "axistags", "scale_factor", "add_offset", "_FillValue", "missing_value"),
     *("element_size_um", "spacing", "Spacing", "voxel_size", "voxelSize", "VoxelSize", "voxelsize", "pixel_size"),
     *("pixelSize", "resolution", "Resolution", "unit", "units", "positive", "standard_name", "coordinates", "axis"),
-    *("NAME", "Name", "Color", "ColorRange", "Unit"),
+    *("NAME", "Name", "Color", "ColorRange", "Unit", "long_name"),
     *(f"{name}{axis}" for name in ("ExtMin", "ExtMax") for axis in range(3)),
     *(f"ImageSize{axis}" for axis in "XYZ"),
 )

@@ -441,9 +441,9 @@ def _read_volume(
     # 3. its grid
     if multiscale is None:
         grid = read_lattice(group, node, names, even=options.spacing is not None)
-        unit = value_unit_name(str(node.attrs.asdict().get("units") or ""))
-        unit = "" if metres_in(unit) else unit
-        about = array_fields(node.path.rsplit("/", 1)[-1], array.dtype, unit, grid.unit)
+        unit, title = (str(node.attrs.asdict().get(name) or "") for name in ("units", "long_name"))
+        unit = "" if metres_in(unit) else value_unit_name(unit)
+        about = array_fields(node.path.rsplit("/", 1)[-1], array.dtype, unit, grid.unit, title=title)
         return grid.volume(samples, "coordinates", **about)
     spacing, origin = _grid(multiscale, _plain(node.path[len(group.path) :]), names)
     path = multiscale["datasets"][0]["path"]

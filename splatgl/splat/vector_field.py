@@ -21,6 +21,8 @@ TRIED = 3
 RADIUS, LONGEST = 1 / 500, 2.0
 # share of the greatest speed below which nothing moves
 STILL = 1e-6
+# of samples that are compared with speeds
+SPARSE = 4
 LINE_COUNT, MOST = 200, 10_000
 COLORMAP = "viridis"
 
@@ -55,7 +57,7 @@ def streamlines(
     drawn = [np.append(np.arange(0, len(line) - 1, DRAWN), len(line) - 1) for line in lines.points]
     points = [line[some] for line, some in zip(lines.points, drawn, strict=True)]
     speed = np.concatenate([np.zeros(0), *(speed[some] for speed, some in zip(lines.speeds, drawn, strict=True))])
-    look = _speed_look(np.repeat(speed, SIDES), field.greatest, colormap)
+    look = _speed_look(volume, field, np.repeat(speed, SIDES), colormap)
     return Mesh.of_lines(points, size, opacity=opacity, name="streamlines", frame=volume.frame, **look)
 
 
@@ -169,7 +171,7 @@ def arrows(
     axes = _axes(vectors / np.where(speed > 0, speed, 1.0)[:, None]) * (speed / field.greatest * length)[:, None, None]
     placed = field.world(index)[:, None] + vertices @ axes
     offsets = np.arange(len(index))[:, None, None] * len(vertices)
-    look = _speed_look(np.repeat(speed, len(vertices)), field.greatest, colormap)
+    look = _speed_look(volume, field, np.repeat(speed, len(vertices)), colormap)
     every = (faces + offsets).reshape(-1, 3)
     return Mesh(placed.reshape(-1, 3), every, opacity=opacity, name="arrows", frame=volume.frame, **look)
 
@@ -286,18 +288,27 @@ def least_speed(field: VectorField, least: float | None) -> float:
     return float(least)
 
 
-def _speed_look(speed: np.ndarray, greatest: float, name: str) -> dict[str, Any]:
+def _named_speed(volume: Volume, field: VectorField) -> dict[str, str]:
+    """Quantity and unit of the vectors' lengths: those of the volume, if these are its values."""
+    few = np.s_[::SPARSE, ::SPARSE, ::SPARSE]
+    are_values = np.allclose(np.asarray(volume.samples[few], np.float64), field.speed[few], equal_nan=True)
+    named = {"quantity": volume.quantity or "speed", "value_unit": volume.value_unit}
+    return named if are_values else {"quantity": "speed", "value_unit": ""}
+
+
+def _speed_look(volume: Volume, field: VectorField, speed: np.ndarray, name: str) -> dict[str, Any]:
     """Options of a mesh whose vertices have speeds [N], in a colour map from 0 to the greatest."""
+    quantity = ", ".join(filter(None, _named_speed(volume, field).values()))
     values = speed if len(speed) else None
-    return {"values": values, "colormap": name, "window": (0.0, greatest), "quantity": "speed"}
+    return {"values": values, "colormap": name, "window": (0.0, field.greatest), "quantity": quantity}
 
 
 @public
 def magnitudes(volume: Volume | Any) -> Volume:
     """Volume of the lengths of a volume's vectors. Raises InputError for a volume without vectors."""
     field = VectorField.of(volume)
-    name = f"{volume.name}: magnitude"
-    return replace(volume, samples=field.speed.astype(np.float32), color=None, labels=None, hints=Hints(), name=name)
+    about = {"name": f"{volume.name}: magnitude", **_named_speed(volume, field)}
+    return replace(volume, samples=field.speed.astype(np.float32), color=None, labels=None, hints=Hints(), **about)
 
 
 @public

@@ -22,13 +22,13 @@ from splatgl.annotations.annotate import (
     default_names,
     parse_annotations,
 )
-from splatgl.annotations.bars import _shorten, length_text, log_ticks, of_values, scale_of, ticks
+from splatgl.annotations.bars import length_text, log_ticks, of_values, scale_of, shorten_label, ticks
 from splatgl.annotations.canvas import WHITE, AnnotatedSubject, AnnotationView, Canvas, Measure, legend_of
 from splatgl.annotations.world_lines import COLORS, LONG, letters, measure_text
 from splatgl.cli.main import main
 from splatgl.data.affine import Coordinate, make_lattice
 from splatgl.data.figure import TextMark
-from splatgl.data.volume import halve_volume
+from splatgl.data.volume import AxisCoordinate, halve_volume
 from splatgl.errors import InputError
 from splatgl.scene.scene_file import SceneFile
 
@@ -90,7 +90,10 @@ def test_a_bar_is_named_by_its_quantity() -> None:
         "u, m/s",
         "era5, m/s",
     ]
-    cut = [_shorten(label) for label in ("velocity, m/s", "specific_humidity_of_air, g/kg", "a" * 30, "b, " + "c" * 30)]
+    cut = [
+        shorten_label(label)
+        for label in ("velocity, m/s", "specific_humidity_of_air, g/kg", "a" * 30, "b, " + "c" * 30)
+    ]
     assert cut == ["velocity, m/s", "specific_hu..., g/kg", "a" * 17 + "...", "b, " + "c" * 14 + "..."]
 
 
@@ -366,6 +369,23 @@ def test_axes_point_where_the_camera_has_them(angles: tuple[float, float]) -> No
             continue
         mean = np.array([x.mean(), y.mean()]) - middle
         assert mean @ along / np.linalg.norm(mean) / np.linalg.norm(along) > 0.97
+
+
+def test_axes_have_the_names_of_the_file() -> None:
+    """Coloured names, apart from each other, also where two axes are seen along the same line."""
+    names = "longitude", "latitude", "height above ground"
+    volume = replace(VOLUME, axes=tuple(map(AxisCoordinate, names)))
+    for angles in ((30, 20), (0, 5), (0, 0), (200, 60)):
+        camera = sg.Camera.orbit(volume, *angles, size=(300, 300))
+        image = sg.annotated(bare(camera), volume, CLEAR, camera, ["axes"])
+        assert image.figure is not None and not image.info["not_annotated"]
+        marks = [mark for mark in image.figure.over if isinstance(mark, TextMark)]
+        assert [mark.text for mark in marks] == ["longitude", "latitude", "height..."]
+        at = np.array([mark.at for mark in marks])
+        apart = np.abs(at[[0, 0, 1]] - at[[1, 2, 2]])
+        wide = Canvas.over(image.pixels, None).text_size("latitude")[0]
+        assert ((apart[:, 0] > 0.6 * wide) | (apart[:, 1] > 7)).all()
+        assert at.min() > 0 and (at[:, 0] + wide).max() < 300
 
 
 def test_letters_of_files(tmp_path: Path) -> None:

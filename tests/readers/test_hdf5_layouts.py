@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from splatgl import InputError, load
+from splatgl.annotations.canvas import AnnotatedSubject
 from splatgl.data import affine
 from splatgl.data.affine import Coordinate, make_lattice
 from splatgl.readers import hdf5_files, list_volumes
@@ -303,6 +304,11 @@ def test_classic_netcdf_has_axes_times_and_packed_values(tmp_path: Path, version
     assert (volume.times, volume.time_step, volume.value_unit) == (3, 6 * 3600, "K") and not volume.channels
     # packed temperatures over metres are a field
     assert (volume.quantity, volume.hints.preset) == ("t", "field")
+    with netcdf.Dataset(path, "a") as file:
+        file["t"].long_name = "air temperature"
+    named = load(path, time=1)
+    assert (named.quantity, named.hints.preset) == ("air temperature", "field")
+    assert AnnotatedSubject.of(named).value_name == "air temperature, K"
     assert np.array_equal(load(f"{path}:/t", time=1).samples, volume.samples, equal_nan=True)
     assert not volume.notes and list_volumes(path)[-1] == "* /t   int16 3×4×5×6"
 

@@ -124,6 +124,12 @@ def test_meshes_of_lines_and_arrows() -> None:
     fast = np.linalg.norm(flow, axis=1)
     assert np.allclose(np.asarray(found.values).reshape(60, -1)[:, 0], fast, atol=1e-5)
     assert (found.quantity, found.colormap, found.window) == ("speed", "viridis", (0.0, greatest))
+    # values that are the vectors' lengths name them
+    speed = np.linalg.norm(np.asarray(volume.vectors), axis=-1)
+    about = {"vectors": volume.vectors, "quantity": "wind", "value_unit": "m/s"}
+    for named, title in ((sg.Volume(speed, **about), "wind, m/s"), (sg.Volume(speed + 1, **about), "speed")):
+        assert sg.arrows(named, 9).quantity == sg.streamlines(named, 9).quantity == title
+        assert sg.magnitudes(named).quantity == title.removesuffix(", m/s")
     # by default of twice their mean distance: each has its share of the volume
     every = flowing(lambda places: np.ones(places.shape))
     default = sg.arrows(every, 60).vertices.reshape(60, -1, 3)
