@@ -57,36 +57,47 @@ class Accuracy:
             return "its error is not known"
         known = "no error bound" if self.error_bound is None else f"error bound {self.error_bound:.3g}"
         met = {None: "not known to be met", False: "not met", True: "met"}[self.tolerance_met]
-        return "\n".join([f"{known}: the tolerance {self.tolerance:.3g} is {met}{self.note}", *self.comparisons])
+        text = f"{known}: the tolerance {self._allowed} is {met}{self.note}"
+        return "\n".join([text, *self.comparisons])
+
+    @property
+    def _relative(self) -> str:
+        """The light of a picture of sums, of which errors are a part."""
+        return "" if self.brightest is None else f" of {self.brightest:.3g}"
+
+    @property
+    def _allowed(self) -> str:
+        """The tolerance, of sums as light, as errors are."""
+        return f"{(self.tolerance or 0.0) * (1.0 if self.brightest is None else self.brightest):.3g}{self._relative}"
 
     @property
     def summary(self) -> str:
         """A short line: the RMSE and the largest error of the compared pixels, or the bound."""
-        relative = "" if self.brightest is None else f" of {self.brightest:.3g}"
         if self.checked is None and self.error_bound is None:
             return "not known"
         if self.checked is None:
             met = "within" if self.tolerance_met else "above"
-            tolerance = "" if self.tolerance is None else f", {met} the tolerance {self.tolerance:.3g}"
+            tolerance = "" if self.tolerance is None else f", {met} the tolerance {self._allowed}"
             return f"error at most {self.error_bound:.2g}{tolerance}{self.note}"
-        checked, largest = self.checked, f"{_round_up(self.checked['largest'])}{relative}"
+        checked, relative = self.checked, self._relative
         is_whole, count = checked["confidence"] == 1, checked["pixels"]
         share = "all pixels" if is_whole else f"at least {floor(100 * (1 - checked['share'])):d} % of all pixels"
-        text = f"RMSE {checked['rmse']:.1g}{relative} in {count} checked pixels, {share} within {largest}"
+        text = f"RMSE {checked['rmse']:.1g}{relative} in {count} checked pixels, {share} within {_round_up(checked['largest'])}{relative}"
         if checked["share_above_tolerance"] > checked["share"]:
-            text += f", up to {_round_up(100 * checked['share_above_tolerance'])} % above the tolerance"
+            text += f", up to {_round_up(100 * checked['share_above_tolerance'])} % above the tolerance {self._allowed}"
         if self.level:
             text += f", of level {self.level}'s voxels"
         field = checked.get("field")
-        return f"{text}{self.note}" + (f"; off the field itself by up to {field['largest']:.2g}" if field else "")
+        return f"{text}{self.note}" + (
+            f"; off the field itself by up to {field['largest']:.2g}{relative}" if field else ""
+        )
 
     @property
     def comparisons(self) -> tuple[str, ...]:
         """Text on the errors of compared pixels, to the reference and to the field."""
         if self.checked is None:
             return ()
-        relative = "" if self.brightest is None else f" of {self.brightest:.3g}"
-        checked = self.checked
+        checked, relative = self.checked, self._relative
         text = guarantee(checked, relative)
         text += f": {'all ' * (checked['confidence'] == 1)}{checked['pixels']} drawn in float64"
         if self.level:

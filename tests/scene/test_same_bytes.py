@@ -167,6 +167,14 @@ def test_accuracy_of_a_renderer_of_bricks_and_of_files(renderer: Renderer, monke
     assert unknown == Accuracy(None, None, None) and str(unknown) == "its error is not known"
 
 
+def test_the_tolerance_of_sums_is_a_part_of_the_brightest_pixel() -> None:
+    accuracy = Accuracy(0.03, 0.004, True, brightest=8.0)
+    assert accuracy.summary == "error at most 0.03, within the tolerance 0.032 of 8"
+    assert str(accuracy) == "error bound 0.03: the tolerance 0.032 of 8 is met"
+    plain = Accuracy(0.03, 0.004, False)
+    assert plain.summary == "error at most 0.03, above the tolerance 0.004"
+
+
 def test_unchecked_pictures_say_nothing() -> None:
     command("render", "ball.npy", "--size", "24", "-o", "a.png", "--check", "0", "--quiet")
     assert "checked" not in sg.Image.load("a.png").info
