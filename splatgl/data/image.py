@@ -82,7 +82,8 @@ class Accuracy:
         checked, relative = self.checked, self._relative
         is_whole, count = checked["confidence"] == 1, checked["pixels"]
         share = "all pixels" if is_whole else f"at least {floor(100 * (1 - checked['share'])):d} % of all pixels"
-        text = f"RMSE {checked['rmse']:.1g}{relative} in {count} checked pixels, {share} within {_round_up(checked['largest'])}{relative}"
+        largest = _round_up(checked["largest"])
+        text = f"RMSE {checked['rmse']:.1g}{relative} in {count} checked pixels, {share} within {largest}{relative}"
         if checked["share_above_tolerance"] > checked["share"]:
             text += f", up to {_round_up(100 * checked['share_above_tolerance'])} % above the tolerance {self._allowed}"
         if self.level:
