@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from splatgl import __version__
 from splatgl.cli.options import add_backend, record_of
+from splatgl.data.scenes import SCENES
 from splatgl.errors import InputError, expected
 from splatgl.opengl import OpenGL
 from splatgl.options import declared
@@ -39,7 +40,9 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", metavar="DIR", default="report", help="folder to write into (default report)")
     level = parser.add_mutually_exclusive_group()
     level.add_argument("--quick", action="store_true", help="small pictures and coarse volumes, in under a minute")
-    level.add_argument("--full", action="store_true", help="full pictures and volumes, however long they take")
+    level.add_argument(
+        "--full", action="store_true", help="all methods and pixels of full volumes, however long they take"
+    )
     parser.add_argument("--only", nargs="+", action="extend", default=[], metavar="NAME", help="only these")
     kind = declared(Settings)["kernel"].kind
     about = "also measure a kernel: a name, or MODULE:NAME of Python, which runs that module's code"
@@ -100,7 +103,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _level(args: argparse.Namespace) -> EffortLevel:
-    level = LEVELS["quick" if args.quick else "full" if args.full else "normal"]
+    own = [source for source in args.sources if source not in SCENES]
+    level = LEVELS["quick" if args.quick else "full" if args.full else "whole" if own else "normal"]
     for name, least, most in (("size", 8, MAX_SIZE), ("rounds", 1, MAX_ROUNDS)):
         value = getattr(args, name)
         if value is not None and not least <= value <= most:

@@ -98,7 +98,9 @@ class MethodAxis:
 AXES: dict[str, MethodAxis] = {}
 # names for newcomers of methods that others are named after
 WORDS = {
+    "default": "what splatgl render draws",
     "exact": "single splats",
+    "sheets 3": "sheets, coloured before reconstruction",
     "paper 1998": "the settings of 1998",
     "no antialiasing": "single splats without antialiasing",
     "gaussian": "Gaussian splats",

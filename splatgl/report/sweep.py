@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import random
 import statistics
 import time
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +22,10 @@ from splatgl.data.volume import Volume, halve_volume
 from splatgl.errors import InputError, expected
 from splatgl.geometry.camera import Camera
 from splatgl.planning.resolve import depth_range, extraction_kind
+from splatgl.planning.scene import resolve_scene
 from splatgl.reference.blend import pixel_means
-from splatgl.reference.field import Field, field_integral, ray_integral
+from splatgl.reference.field import Field, field_integral, kept_field_integral, ray_integral_at
+from splatgl.reference.renderer import render_pixels
 from splatgl.report.methods import DEFAULT, TRUTHS, Method, axis_of, methods
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.extract import POST_KERNEL, extract
@@ -43,7 +47,9 @@ class EffortLevel:
     size: pixels of an image's longer side. rounds: timings per method. splats: approximate maximum, beyond which
     the volume is downsampled; None: never. samples: of the sampled truth, per axis of a pixel. rays, steps: of
     integrals along rays, per axis of a pixel and per voxel. most: samples of the reference, as more take minutes.
-    all_methods: whether it includes slow methods.
+    all_methods: whether it includes slow methods. pixels: random ones that show matter, at which errors are measured;
+    None: all. seconds: of a scene's measurements, after which further pictures and rounds are left out. names: its
+    methods; (): all.
     """
 
     name: str
@@ -55,17 +61,29 @@ class EffortLevel:
     steps: int
     most: int
     all_methods: bool
+    pixels: int | None = None
+    seconds: float = math.inf
+    names: tuple[str, ...] = ()
 
     def methods(self, only: Sequence[str] = ()) -> list[Method]:
         """The methods that it measures. only: names of methods or axes, all if empty."""
-        known = [method for method in methods().values() if method.quick or self.all_methods or only]
-        return [m for m in known if not only or m.name in only or axis_of(m.name).name in only]
+        known = methods()
+        if only:
+            return [m for m in known.values() if m.name in only or axis_of(m.name).name in only]
+        names = self.names or [name for name, method in known.items() if method.quick or self.all_methods]
+        return [known[name] for name in names]
 
 
+WHOLE = (
+    *("default", "exact", "preview 1/2", "paper 1998", "no antialiasing", "2×2", "post b-spline", "sheets 3"),
+    *("preview 1/4", "threshold 0.1"),
+)
 LEVELS = {
     "quick": EffortLevel("quick", 64, 5, 30_000, 16, 2, 2, 1 << 17, False),
     "normal": EffortLevel("normal", 128, 7, 200_000, 16, 4, 2, 1 << 19, True),
     "full": EffortLevel("full", 256, 11, None, 16, 4, 4, 1 << 21, True),
+    # of the user's own data, at its full resolution
+    "whole": EffortLevel("whole", 256, 5, None, 8, 3, 2, 1 << 19, True, 100, 30.0, WHOLE),
 }
 
 
@@ -193,8 +211,25 @@ class Truths:
         self.renderer, self.subject, self.level = renderer, subject, level
         self.cache: dict[tuple[str, Settings], np.ndarray] = {}
 
+    @cached_property
+    def places(self) -> np.ndarray:
+        """Indices [N] of the pixels with truths, all of them, or random ones that show matter."""
+        if self.level.pixels is None:
+            return np.arange(np.prod(self.subject.camera.size))
+        shown = self.subject.draw(self.renderer, methods()[DEFAULT]).pixels.reshape(-1, 4)
+        matter = np.flatnonzero((shown != _empty_pixel(shown)).any(axis=1))
+        random = np.random.default_rng(SEED)
+        return np.sort(random.choice(matter, min(self.level.pixels, len(matter)), replace=False))
+
+    def errors(self, image: Image, truth: str, settings: Settings) -> dict[str, float]:
+        """Errors of a picture against a truth of those settings, as of `errors`. Raises InputError as `get`."""
+        right = self.get(truth, settings)
+        if self.level.pixels is None:
+            return errors(image, right)
+        return errors(replace(image, pixels=image.pixels.reshape(1, -1, 4)[:, self.places]), right)
+
     def get(self, truth: str, settings: Settings) -> Image:
-        """Truth of an image with those settings, float64 [H, W, 4].
+        """Truth of an image with those settings, float64 [H, W, 4], or [1, N, 4] at some pixels.
 
         Raises InputError if there is none, or if it would take too long.
         """
@@ -219,7 +254,7 @@ class Truths:
             if settings.antialias == "auto":
                 values["tolerance"] = settings.tolerance
             width, height = self.subject.camera.size
-            samples, most = width * height * values["samples"] ** 2, self.level.most
+            samples, most = (self.level.pixels or width * height) * values["samples"] ** 2, self.level.most
             if samples > most:
                 fix = "more would take too long: use --full or a smaller --size"
                 raise expected("float64 reference", f"at most {most:,} samples at this level", f"{samples:,}", fix)
@@ -234,14 +269,21 @@ class Truths:
             return self._field(settings)
         splats, camera = self.subject.splats(), self.subject.camera
         if truth == "reference":
-            return reference.render(splats, camera, settings).pixels
+            return self._reference(settings)
         if truth == "sampled":
             return self._sampled(settings, self.level.samples)
         # splatting's own error varies less than the image: measured at fewer samples and added
         rays = self.level.rays
-        integral = ray_integral(splats, camera, settings, self.level.steps, rays).pixels
+        integral = ray_integral_at(splats, camera, self.places, settings, self.level.steps, rays)
         sampled = self.get("sampled", settings).pixels
-        return np.asarray(sampled + integral - self._sampled(settings, rays))
+        return np.asarray(sampled + integral.reshape(sampled.shape) - self._sampled(settings, rays))
+
+    def _reference(self, settings: Settings) -> np.ndarray:
+        """The float64 reference of a picture with those settings."""
+        splats, camera = self.subject.splats(), self.subject.camera
+        if self.level.pixels is None:
+            return reference.render(splats, camera, settings).pixels
+        return render_pixels(resolve_scene(splats, camera, settings), self.places)[None]
 
     def _field(self, settings: Settings) -> np.ndarray:
         """The field of the scene's formula, else of its samples."""
@@ -250,6 +292,8 @@ class Truths:
         if settings.shading != "auto":
             transfer = replace(transfer, shading=settings.shading == "on")
         (width, height), rays = self.subject.camera.size, self.level.rays
+        if self.level.pixels is not None and self.subject.formula is None:
+            return self._field_at_places(settings)
         fine = self.subject.camera.resized((width * rays, height * rays))
         field: Field | str = POST_KERNEL
         if (formula := self.subject.formula) is not None:
@@ -264,6 +308,15 @@ class Truths:
             return pixels
         return np.asarray(pixels + (1 - pixels[..., 3:]) * np.array([*settings.ground, 1.0]))
 
+    def _field_at_places(self, settings: Settings) -> np.ndarray:
+        """The field of the samples at some pixels, [1, N, 4]; drawn once for all backgrounds."""
+        if settings.ground is not None:
+            pixels = self.get("field", settings.replace(background=None)).pixels
+            return np.asarray(pixels + (1 - pixels[..., 3:]) * np.array([*settings.ground, 1.0]))
+        splats = self.subject.splats(post=POST_KERNEL)
+        after = Settings(**{name: getattr(settings, name) for name in FIELD})
+        return kept_field_integral(splats, self.subject.camera, self.places, self.level.rays, after)[None]
+
     def _sampled(self, settings: Settings, samples: int) -> np.ndarray:
         exact = settings.replace(
             antialias="supersample" if samples > 1 else "off",
@@ -272,7 +325,15 @@ class Truths:
             tolerance=TIGHT,
             occlusion="off",
         )
+        if self.level.pixels is not None:
+            return self._reference(exact)
         return self.renderer.render(self.subject.splats(), self.subject.camera, exact).pixels.astype(np.float64)
+
+
+def _empty_pixel(pixels: np.ndarray) -> np.ndarray:
+    """The pixel [4] that is most often along the sequence [N, 4]: the background."""
+    values, counts = np.unique(pixels, axis=0, return_counts=True)
+    return np.asarray(values[counts.argmax()])
 
 
 @dataclass(frozen=True)
@@ -399,6 +460,12 @@ class Sweep:
         self.truths, self.subject, self.renderer = truths, truths.subject, truths.renderer
         self.results = SceneResults(self.subject)
         self.plans: dict[tuple[Hashable, str, int], str] = {}
+        self.started = time.perf_counter()
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the level's seconds are over."""
+        return time.perf_counter() - self.started > self.truths.level.seconds
 
     def pictures(self, requested: Sequence[Method], tick: Tick) -> None:
         """Draws each method once, and measures its errors."""
@@ -406,6 +473,8 @@ class Sweep:
             tick(f"{self.subject.name}: {method.name}")
             row = ResultRow(method.name)
             try:
+                if self.is_late:
+                    raise InputError(f"the {self.truths.level.seconds:g} seconds were over; --full measures all")
                 self._picture(method, row)
             except InputError as error:
                 row.omitted = str(error)
@@ -430,11 +499,14 @@ class Sweep:
             # the scene says that it has no field
             if truth == "field" and self.subject.no_field:
                 continue
+            # few pixels are compared with the picture's own splats and with the field
+            if self.truths.level.pixels and truth in ("sampled", "integral") and not self.subject.no_field:
+                continue
             # an image classified after reconstruction has no truth of splats
             if truth != "field" and image.info.get("classification") == "post":
                 continue
             try:
-                row.errors[truth] = errors(image, self.truths.get(truth, settings))
+                row.errors[truth] = self.truths.errors(image, truth, settings)
             except InputError as error:
                 row.missing[truth] = str(error)
 
@@ -452,6 +524,8 @@ class Sweep:
             for turn in range(rounds):
                 for name in shuffled.sample(drawn, len(drawn)):
                     tick(f"{self.subject.name}: timing")
+                    if turn and self.is_late:
+                        return
                     if sum(distinct[name]) <= LONGEST or turn < LEAST_ROUNDS:
                         distinct[name].append(self.turn(named[name]))
         finally:

@@ -310,3 +310,28 @@ def test_ewa_splatting_is_measured_and_shown_but_not_timed(renderer: sg.Renderer
     right = sg.reference.render(subject.splats(), subject.camera, settings, row="ewa").pixels
     np.testing.assert_array_equal(subject.draw(renderer, methods.methods()[methods.EWA]).pixels, right)
     assert f'alt="{methods.EWA}"' in strip(renderer, results, Truths(renderer, subject, LEVEL))
+
+
+def test_own_data_is_measured_whole_at_some_pixels(
+    renderer: sg.Renderer, subject: ReportSubject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Errors at pixels that show matter are near those of all; what is late is left out, with a reason."""
+    level = replace(LEVELS["whole"], size=16, pixels=10_000, rays=LEVEL.rays)
+    some, every = (Truths(renderer, subject, level) for level in (level, replace(level, pixels=None)))
+    assert 40 < len(some.places) < 256 == len(every.places)
+    for name, truth in (("exact", "reference"), ("2×2", "field")):
+        method = methods.methods()[name]
+        image, settings = subject.draw(renderer, method), subject.inputs(method)[1]
+        few, all_of = (truths.errors(image, truth, settings)["rmse"] for truths in (some, every))
+        assert few == pytest.approx(all_of, rel=0.1)
+    late = Sweep(Truths(renderer, subject, replace(level, seconds=0)))
+    late.pictures(level.methods(), lambda text: None)
+    assert {row.omitted for row in late.results.rows} == {"the 0 seconds were over; --full measures all"}
+    assert [row.method for row in late.results.rows] == list(level.names)
+
+    taken = []
+    monkeypatch.setattr("splatgl.cli.report.open_subjects", lambda sources, level: taken.append(level.name) or [])
+    sg.scenes.ball(5).save(tmp_path / "ball.nrrd")
+    for args in ([str(tmp_path / "ball.nrrd")], ["tunnel"], [str(tmp_path / "ball.nrrd"), "--full"]):
+        main(["report", *args, "-o", str(tmp_path / "report"), "--quiet"])
+    assert taken == ["whole", "normal", "full"]
