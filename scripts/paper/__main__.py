@@ -11,7 +11,7 @@ from textwrap import fill
 from paper.claims import page
 from paper.explain import add_parser as add_explained
 from paper.figures import FIGURES, Figure
-from paper.figures.forms_table import CAPTION, forms_table
+from paper.figures.forms_table import CAPTION, forms_picture, forms_table
 from paper.figures.rendered import PICTURES, add_pictures, check_no_options, run_picture
 from paper.tables import TEXT_WIDTH
 
@@ -25,8 +25,10 @@ from splatgl.fileio import check_output, write_file
 CLAIMED = (9, 10)
 # numbers of all available figures
 KNOWN = sorted([*FIGURES, *PICTURES])
-# text without a picture
-PRINTED = {"claims": page, "table1": lambda: f"{fill(CAPTION, TEXT_WIDTH)}\n\n{forms_table().text()}"}
+# the paper's table as a picture
+TABLE_1 = Figure("table1", CAPTION, forms_picture, forms_table)
+# text, of which Table 1 is a picture, too
+PRINTED = {"claims": page, "table1": lambda: text(TABLE_1)}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -65,9 +67,11 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Draws, writes or prints one figure; returns 0."""
     if args.number in PRINTED:
-        if args.output:
+        if args.output and args.number != TABLE_1.number:
             raise expected(f"figure {args.number}", "no file to write", args.output, "it is printed")
         print(PRINTED[args.number]())
+        if args.output:
+            _write(TABLE_1, Path(args.output))
         return 0
     if args.number in map(str, PICTURES):
         return run_picture(args)
@@ -75,17 +79,22 @@ def run(args: argparse.Namespace) -> int:
     figure = _figure(args.number)
     output = Path(args.output or f"figure{figure.number}.png")
     if args.output or not args.numbers:
-        check_output(output, (".png", ".svg"))
-        write_file(output, figure.picture(output.suffix.lower(), f"splatgl {__version__}"))
-        print(f"{output}:", fill(f"Figure {figure.number}. {figure.caption}", TEXT_WIDTH), sep="\n")
+        _write(figure, output)
+        print(f"{output}:", fill(figure.title, TEXT_WIDTH), sep="\n")
     if args.numbers:
         print(text(figure))
     return 0
 
 
+def _write(figure: Figure, output: Path) -> None:
+    """Writes a picture. Raises InputError for other endings."""
+    check_output(output, (".png", ".svg"))
+    write_file(output, figure.picture(output.suffix.lower(), f"splatgl {__version__}"))
+
+
 def text(figure: Figure) -> str:
     """A figure's data as a page of text."""
-    head = fill(f"Figure {figure.number}. {figure.caption}", TEXT_WIDTH)
+    head = fill(figure.title, TEXT_WIDTH)
     body = page(figure.number) if figure.number in CLAIMED else figure.table().text()
     return f"{head}\n\n{body}"
 

@@ -61,7 +61,7 @@ HOW = (
     "coarsely, at {rays}×{rays} rays a pixel and {steps} points a voxel. Of a scene with a formula it is the formula, "
     "so that errors are against the true picture. For other samples it is the b-spline reconstruction: methods with "
     "that kernel differ only by sheets, steps and pixels, others also by their reconstruction. Extraction is not part "
-    "of a frame. A method is on the front (bold) if none is as fast and more accurate, by medians."
+    "of a frame. A method is on the front (●) if none is as fast and more accurate, by medians."
 )
 AT_PIXELS = " Errors are those of {pixels} random pixels that show matter, not of all; --full compares all."
 NAMES = {"reference": "drawing", "sampled": "antialiasing", "integral": "splatting", "field": "the field"}
@@ -266,7 +266,7 @@ def strip(renderer: Renderer, scene: SceneResults, truths: Truths) -> str:
         columns.append(f"<figure><figcaption>{escape(name)}</figcaption>{''.join(pictures)}</figure>")
     legend = "; ".join(f"{NAMES[truth]}: black is none, pale {number(scales[truth])} and more" for truth in shown)
     kind = "strip squares" if max(subject.camera.size) <= SQUARES else "strip"
-    head = f"<h3>Pictures, and their differences on one scale ({legend})</h3>"
+    head = f"<h3>Pictures{f', and their differences on one scale ({legend})' if legend else ''}</h3>"
     return f'{head}<div class="{kind}">{"".join(columns)}</div>'
 
 

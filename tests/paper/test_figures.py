@@ -289,8 +289,11 @@ def test_setting_is_the_papers() -> None:
     assert Setting(256).z_k == pytest.approx(PAPER.z_k / 2)
 
 
-def test_the_table_of_rows_holds_form_bprime_to_a_thousandth_of_a_level(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["table1"]) == 0
+def test_the_table_of_rows_holds_form_bprime_to_a_thousandth_of_a_level(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["table1", "-o", str(tmp_path / "table1.svg")]) == 0
+    assert b"Four approximations of Table 1" in (tmp_path / "table1.svg").read_bytes()
     printed = capsys.readouterr().out
     assert forms_table().text() in printed and "form b′" in printed.splitlines()[5]
     found = {row[:2]: dict(zip(("2", "3", "4", "5", "b"), row[2:], strict=True)) for row in forms_table().rows}

@@ -17,17 +17,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of the paper: its number, caption, drawing and data."""
+    """A figure of the paper: its number, or the name of a table, its caption, drawing and data."""
 
-    number: int
+    number: int | str
     caption: str
     draw: Callable[[], Drawing]
     table: Callable[[], Table]
 
+    @property
+    def title(self) -> str:
+        """The caption after the number of a figure."""
+        return f"Figure {self.number}. {self.caption}" if isinstance(self.number, int) else self.caption
+
     def picture(self, suffix: str, maker: str = "splatgl") -> bytes:
         """Bytes of a .png or .svg that names its maker. Raises InputError without matplotlib."""
         with style():
-            about = {"Title": f"Figure {self.number}", "Description": self.caption}
+            about = {"Title": self.title.partition(". ")[0], "Description": self.caption}
             return encode(self.draw(), suffix, about, maker)
 
 
@@ -97,4 +102,4 @@ _ALL = (
         motion_blur.gain_table,
     ),
 )
-FIGURES = {figure.number: figure for figure in _ALL}
+FIGURES = {int(figure.number): figure for figure in _ALL}

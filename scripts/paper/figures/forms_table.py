@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from paper.figures.footprint_errors import ALL, Space
 from paper.figures.paper_setup import PAPER
 from paper.tables import Table
+
+from splatgl.report.diagram import BLACK, BLUE, GRAY, GREEN, ORANGE, RED, sheet
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 CAPTION = (
     "Four approximations of Table 1 and form b′ against row 1, the correct stretch: the largest error of a splat over "
@@ -26,3 +33,28 @@ def forms_table() -> Table:
     levels = np.stack([space.levels(ALL[form]) for form in FORMS], axis=1).tolist()
     rows = tuple((name, f"{behind:+.0f}", *row) for (name, behind), row in zip(where, levels, strict=True))
     return Table(("place", "z_v − z_k", *FORMS.values()), rows)
+
+
+# of the picture: depths behind z_k in each panel, and a colour of each form
+STEPS, COLORS = 24, (BLUE, GREEN, ORANGE, RED, BLACK)
+
+
+def forms_picture() -> Figure:
+    """The errors over depth, a panel of each place; levels, on one logarithmic scale."""
+    behind = np.linspace(BEHIND[0], BEHIND[-1], STEPS)
+    figure = sheet(3.6)
+    panels = figure.subplots(2, 2, sharex=True, sharey=True)
+    for axes, (place, parts) in zip(panels.flat, PLACES.items(), strict=True):
+        voxel = np.array([(*(PAPER.edge * part for part in parts), PAPER.z_k + depth) for depth in behind])
+        space = Space(PAPER.kernel, PAPER.z_k, voxel)
+        for n, (form, name) in enumerate(FORMS.items()):
+            levels = np.where((error := space.levels(ALL[form])) > 0, error, np.nan)
+            dashes = () if form == "bprime" else (6 - n, 1.5)
+            axes.plot(behind, levels, color=COLORS[n], dashes=dashes, lw=1.2 if n < 4 else 1.6, label=name)
+        axes.axvline(0.0, color=GRAY, lw=0.6, dashes=(4, 2))
+        axes.set_title(place)
+        axes.set(yscale="log", ylim=(1e-4, 200))
+    figure.supxlabel("$z_v - z_k$", fontsize=8)
+    figure.supylabel("largest error, 1/255 of the peak", fontsize=8)
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5, handlelength=1.8)
+    return figure
