@@ -5,6 +5,7 @@ Candidate changes are applied to the reference: a result close to the actual ima
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -27,6 +28,17 @@ REGION_SHARE, REGION_FILL, REGION_SQUARES = 0.5, 0.1, 0.95
 LESS_OPACITY, LESS_DETAIL = 0.3, 0.4
 # noise: many differences, with little correlation between neighbours
 ALIKE, MANY = 0.3, 0.01
+# a drawing, such as a chart: one opaque colour covers this share of it, and few others cover a share of the rest
+GROUND_SHARE, FEW_COLORS, COLORS_SHARE = 0.5, 16, 0.5
+# changes belong together if their squares of this many pixels touch; parts of a drawing that are described one by one,
+# and the most that are counted
+SQUARE, FEW_PARTS, MOST_PARTS = 12, 2, 60
+# levels by which ink differs from the ground, and colours from each other
+INK = 24
+# share of the ink that two parts of one form have in common, and least change of a size
+SAME_FORM, OTHER_SIZE = 0.8, 0.04
+# pixels around a changed part in which ink is a part of it, and least share of its pixels that has its colour
+NEAR, LEAST_SHARE = 2, 0.02
 
 
 @dataclass(frozen=True)
@@ -51,8 +63,9 @@ def classify_difference(actual: np.ndarray, right: np.ndarray, comparison: Compa
         or _offset(a, b)
         or _global_change(a, b)
         or _noise(a, b)
+        or _drawing(a, b)
         or _region(a, b, comparison)
-        or DifferenceKind("changed", "changed in no way that has a name")
+        or DifferenceKind("changed", f"{100 * comparison.share_over:.3g} % of the pixels changed, in no single way")
     )
 
 
@@ -240,3 +253,129 @@ def _noise(a: np.ndarray, b: np.ndarray) -> DifferenceKind | None:
         return None
     alike = max(abs(float(np.vdot(d[1:], d[:-1]))), abs(float(np.vdot(d[:, 1:], d[:, :-1])))) / squares
     return DifferenceKind("noise", f"noise of RMS {np.sqrt(squares / d.size):.3g}") if alike < ALIKE else None
+
+
+# names of kinds of parts of drawings
+OF_DRAWINGS = ("drawing", "reshaped", "larger", "smaller", "thicker", "thinner", "recoloured")
+
+
+def _drawing(a: np.ndarray, b: np.ndarray) -> DifferenceKind | None:
+    """Changes of the parts of a chart or another drawing on an even ground: moved, larger, in another colour, …"""
+    levels = [np.rint(255 * srgb_from_linear(np.clip(p[..., :3], 0, 1))).astype(np.int16) for p in (a, b)]
+    colors, counts = np.unique(_packed(levels[1]), return_counts=True)
+    order = np.argsort(-counts)
+    few = counts[order[1 : FEW_COLORS + 1]].sum()
+    ground, rest = counts[order[0]], counts.sum() - counts[order[0]]
+    if min(a[..., 3].min(), b[..., 3].min()) < 1 or ground < GROUND_SHARE * counts.sum() or few < COLORS_SHARE * rest:
+        return None
+    background = _unpacked(colors[order[0]])
+    ink = [np.abs(p - background).max(axis=-1) > INK for p in levels]
+    groups = list(_groups(np.abs(levels[0] - levels[1]).max(axis=-1) > 1))
+    parts = [
+        part for group in groups[:MOST_PARTS] if (part := _changed_part(levels, ink, group, background)) is not None
+    ]
+    if not parts or len(groups) > MOST_PARTS:
+        return None
+    if len(parts) <= FEW_PARTS:
+        return DifferenceKind(parts[0].name, " and ".join(dict.fromkeys(part.text for part in parts)))
+    words = Counter(part.name for part in parts)
+    name, most = words.most_common(1)[0]
+    text = f"{len(parts)} parts of the drawing: {', '.join(f'{n} {word}' for word, n in words.most_common())}"
+    is_text = name in ("larger", "smaller") and most >= len(parts) / 2
+    return DifferenceKind("drawing", f"{text}, as by another font size" if is_text else text)
+
+
+def _packed(levels: np.ndarray) -> np.ndarray:
+    """int32 [H, W] of colours [H, W, 3], levels."""
+    return np.asarray(levels.astype(np.int32) @ np.array((65536, 256, 1), np.int32))
+
+
+def _unpacked(color: int) -> np.ndarray:
+    return np.array([color >> 16, color >> 8 & 255, color & 255], np.int16)
+
+
+def _groups(different: np.ndarray) -> Iterator[np.ndarray]:
+    """bool [H, W] of the pixels [H, W] of each group of neighbouring squares."""
+    height, width = different.shape
+    padded = np.pad(different, ((0, -height % SQUARE), (0, -width % SQUARE)))
+    squares = padded.reshape(len(padded) // SQUARE, SQUARE, -1, SQUARE).any(axis=(1, 3))
+    left = dict.fromkeys(map(tuple, np.argwhere(squares).tolist()))
+    while left:
+        border, group = [left.popitem()[0]], np.zeros_like(squares)
+        while border:
+            row, column = border.pop()
+            group[row, column] = True
+            near = [(row + i, column + j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (row + i, column + j) in left]
+            for square in near:
+                left.pop(square)
+            border += near
+        yield different & group.repeat(SQUARE, 0).repeat(SQUARE, 1)[:height, :width]
+
+
+def _changed_part(
+    levels: list[np.ndarray], ink: list[np.ndarray], group: np.ndarray, background: np.ndarray
+) -> DifferenceKind | None:
+    """The change of a group of pixels: its name, and a sentence; None where no ink is, or one of many colours."""
+    rows, columns = (np.flatnonzero(group.any(axis=axis)) for axis in (1, 0))
+    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    size = f"{columns[-1] - columns[0] + 1}×{rows[-1] - rows[0] + 1} pixels"
+    changed = [part & group for part in ink]
+    if not any(part.any() for part in changed):
+        return None
+    common = [_main_color(p[part], background) for p, part in zip(levels, changed, strict=True)]
+    known = [color for color in common if color is not None]
+    if not known:
+        return None
+    # rare colours are edges in the other one
+    common = [known[0] if color is None and part.any() else color for color, part in zip(common, changed, strict=True)]
+    names = [None if code is None else f"#{code:06x}" for code in common]
+    if None in names:
+        is_new = names[1] is None
+        around = tuple(slice(max(side.start - NEAR, 0), side.stop + NEAR) for side in box)
+        # where ink of that colour touches the changed part, it has grown or shrunk
+        if (_packed(levels[is_new][around]) == common[not is_new]).any():
+            name = "larger" if is_new else "smaller"
+            return DifferenceKind(name, f"a part in {names[not is_new]} is {name} ({size})")
+        name, words = ("extra", "an extra object") if is_new else ("missing", "an object is missing")
+        return DifferenceKind(name, f"{words} ({size})")
+    now, before = (part[box] for part in ink)
+    if _shared(now, before) >= SAME_FORM and np.abs(np.subtract(*map(_unpacked, common))).max() > INK:
+        return DifferenceKind("recoloured", f"a part has the colour {names[0]} instead of {names[1]} ({size})")
+    (top, left, tight), (top_before, left_before, tight_before) = (_tight(part) for part in (now, before))
+    form = f"a part in {names[0]}"
+    by = left - left_before, top - top_before
+    if tight.shape == tight_before.shape and any(by) and _shared(tight, tight_before) >= SAME_FORM:
+        parts = filter(None, (_pixels(by[0], "right", "left"), _pixels(by[1], "down", "up")))
+        return DifferenceKind("moved", f"{form} is moved by {' and '.join(parts)} ({size})")
+    both = np.count_nonzero(now & before)
+    for name, part, other in (("thicker", before, now), ("thinner", now, before)):
+        if both >= 0.98 * np.count_nonzero(part) and np.count_nonzero(other) > np.count_nonzero(part):
+            return DifferenceKind(name, f"{form} is {name} ({size})")
+    ratio = tight.size / tight_before.size - 1
+    if abs(ratio) > OTHER_SIZE:
+        name = "larger" if ratio > 0 else "smaller"
+        sides = [f"{part.shape[1]}×{part.shape[0]}" for part in (tight, tight_before)]
+        return DifferenceKind(name, f"{form} is {name}: {sides[0]} instead of {sides[1]} pixels")
+    if _shared(now, before) >= SAME_FORM:
+        return None
+    return DifferenceKind("reshaped", f"{form} has another form ({size})")
+
+
+def _main_color(colors: np.ndarray, background: np.ndarray) -> int | None:
+    """The packed colour of the ink [N, 3], levels: frequent, and far from the background; None if all are rare."""
+    values, counts = np.unique(_packed(colors), return_counts=True)
+    if not len(values) or counts.max() < LEAST_SHARE * len(colors):
+        return None
+    far = [float(np.abs(_unpacked(value) - background).max()) for value in values.tolist()]
+    return int(values[(counts * np.square(far)).argmax()])
+
+
+def _shared(a: np.ndarray, b: np.ndarray) -> float:
+    """Share of the pixels of either that both have."""
+    return float(np.count_nonzero(a & b) / max(np.count_nonzero(a | b), 1))
+
+
+def _tight(ink: np.ndarray) -> tuple[int, int, np.ndarray]:
+    """First row and column with ink [H, W], and the ink within its box."""
+    rows, columns = (np.flatnonzero(ink.any(axis=axis)) for axis in (1, 0))
+    return int(rows[0]), int(columns[0]), ink[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]

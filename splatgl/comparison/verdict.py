@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.coercion import public
-from splatgl.comparison.difference_kinds import DifferenceKind, classify_difference
+from splatgl.comparison.difference_kinds import OF_DRAWINGS, DifferenceKind, classify_difference
 from splatgl.comparison.metrics import (
     ALIGNMENTS,
     EXTRA,
@@ -167,7 +167,7 @@ class Pair:
             return verdict
         first, second = (apply_mask(image.pixels, self.mask) for image in (self.actual, self.right))
         kind = classify_difference(first, second, verdict.comparison)
-        if kind.name in ("changed", "noise") and criteria.tolerance == Tolerance():
+        if kind.name in ("changed", "noise", *OF_DRAWINGS) and criteria.tolerance == Tolerance():
             noise = self._measured(NOISE["driver"])
             count = round(noise.comparison.share_over * noise.comparison.pixels)
             if count and not noise.broken:

@@ -13,12 +13,14 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
+from splatgl.comparison.pictures import as_image
 from splatgl.comparison.reports import Case, build_page, pair_html
 from splatgl.comparison.verdict import Criteria, Pair, Tolerance, Verdict, format_metric
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
@@ -202,7 +204,7 @@ def test_what_else_has_a_name(text: str) -> None:
 
 def test_what_no_change_explains_has_no_name() -> None:
     other = sg.Image.load(BASELINES / "nerve-composite.png")
-    assert "changed in no way that has a name" in str(Pair(other, RIGHT).judge())
+    assert "of the pixels changed, in no single way" in str(Pair(other, RIGHT).judge())
     # a name explains three quarters of the difference at least
     for share, text in ((0.65, "a part is changed"), (0.9, "flipped upside down")):
         mixed = sg.Image((1 - share) * RIGHT.pixels + share * RIGHT.pixels[::-1])
@@ -296,3 +298,39 @@ def test_the_guides_table() -> None:
         PAGE.write_text(text.replace(old, new), encoding="utf-8")
     else:
         assert old == new
+
+
+def chart(height: float = 1.0, pad: float = 4, font: int = 10, color: str = "#1f77b4", width: float = 1.5) -> sg.Image:
+    matplotlib = pytest.importorskip("matplotlib")
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context({"font.size": font}):
+        figure = Figure(figsize=(4, 3.4), dpi=100)
+        axes = figure.add_axes((0.15, 0.25, 0.8, 0.6))
+        x = np.linspace(0, 10, 60)
+        axes.plot(x, 2 + height * np.sin(x), color=color, lw=width)
+        axes.plot(x, 1 + 0.3 * x, color="#ff7f0e")
+        axes.set(ylim=(0, 6), title="Growth", ylabel="length")
+        axes.set_xlabel("time", labelpad=pad)
+        return as_image(figure, "chart")
+
+
+@pytest.mark.parametrize(
+    ("changes", "kind", "told"),
+    [
+        ({"height": 1.3}, "larger", r"a part in #1f77b4 is larger: 294×92 instead of 294×82 pixels$"),
+        ({"pad": 12}, "moved", r"a part in #\w+ is moved by 11 pixels down \("),
+        ({"font": 12}, "drawing", r"\d+ parts of the drawing: \d+ larger.*, as by another font size$"),
+        ({"color": "#d62728"}, "recoloured", r"a part has the colour #d62728 instead of #1f77b4 \("),
+        ({"width": 2.5}, "thicker", r"a part in #1f77b4 is thicker \("),
+        (
+            {"pad": 12, "width": 2.5},
+            "moved",
+            r"is moved by 11 pixels down \(.* and a part in #1f77b4 is thicker",
+        ),
+    ],
+)
+def test_changes_of_charts_are_named(changes: dict[str, Any], kind: str, told: str) -> None:
+    verdict = sg.judge(chart(**changes), chart())
+    assert verdict.kind is not None and verdict.kind.name == kind
+    assert re.search(told, verdict.kind.text), verdict.kind.text
