@@ -34,6 +34,8 @@ INI = "splatgl"
 CASES_ATTRIBUTE = "splatgl_cases"
 CASES: pytest.StashKey[list[Case]] = pytest.StashKey()
 OPTIONS: pytest.StashKey[CompareOptions] = pytest.StashKey()
+FAULTY: pytest.StashKey[bool] = pytest.StashKey()
+SEE = "the settings of splatgl are wrong, as the first test with pictures says"
 # the folder in the report's for pictures that a JUnit report attaches
 ATTACHMENTS = "attachments"
 
@@ -71,7 +73,9 @@ def _option(config: pytest.Config, name: str) -> Any:
 
 
 def options_of(config: pytest.Config) -> CompareOptions:
-    """The project's options: of pyproject.toml and of pytest's configuration. Bad ones fail the test."""
+    """The project's options: of pyproject.toml and of pytest's configuration. Bad ones fail the test; the first one says
+    what is wrong.
+    """
     from splatgl.comparison.verdict import CompareOptions
     from splatgl.errors import InputError
     from splatgl.fileio import parse_table
@@ -83,7 +87,8 @@ def options_of(config: pytest.Config) -> CompareOptions:
             project = CompareOptions.of_project(config.rootpath, config.rootpath)
             config.stash[OPTIONS] = project.changed(table, INI)
         except InputError as error:
-            fault = str(error)
+            fault = SEE if config.stash.get(FAULTY, False) else str(error)
+            config.stash[FAULTY] = True
     if fault:
         # not within the handler: pytest prints an exception with those that it was raised in
         pytest.fail(fault, pytrace=False)

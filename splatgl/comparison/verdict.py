@@ -28,7 +28,7 @@ from splatgl.comparison.metrics import (
 )
 from splatgl.comparison.pictures import Picture, as_image, match_formats, read_mask
 from splatgl.data.image import Image
-from splatgl.errors import error_prefix, expected
+from splatgl.errors import InputError, error_prefix, expected
 from splatgl.fileio import load_table
 from splatgl.options import HelpGroup, ValueKind, check_options, checked, declared, flag_name, option, reject_unknown
 
@@ -367,12 +367,20 @@ class CompareOptions:
         limits, `noise` too. what: their place, for messages. Raises InputError for unknown names and bad values.
         """
         named = {name.replace("_", "-"): value for name, value in values.items() if value is not None}
-        reject_unknown(what or "options", named, OPTIONS)
         stated: dict[type, dict[str, Any]] = {record: {} for record in RECORDS}
-        with error_prefix(what) if what else nullcontext():
-            for name, value in named.items():
+        faults = []
+        for name, value in named.items():
+            try:
+                reject_unknown(what or "options", [name], OPTIONS)
                 record, key, item = OPTIONS[name]
-                stated[record][key] = checked(item.kind, name, value)
+                with error_prefix(what) if what else nullcontext():
+                    stated[record][key] = checked(item.kind, name, value)
+            except InputError as error:
+                # the place stands before the first one
+                faults.append(str(error).removeprefix(f"{what}: " if faults else ""))
+        if faults:
+            raise InputError("; ".join(faults))
+        with error_prefix(what) if what else nullcontext():
             own, limits = self._placed(stated[CompareOptions]), stated[Tolerance]
         kept = self
         if own.keys() & {"noise", "tolerance"} or limits.keys() & {*METRICS}:

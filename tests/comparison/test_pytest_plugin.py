@@ -548,3 +548,17 @@ def test_names_that_differ_in_case_alone_are_refused(pytester: pytest.Pytester) 
         result.assert_outcomes(failed=1)
         result.stdout.fnmatch_lines([told])
     assert [Path(name).name for name in baselines(pytester)] == ["Front.png"]
+
+
+def test_faults_of_the_settings_are_told_once_each(pytester: pytest.Pytester) -> None:
+    (pytester.path / "pyproject.toml").write_text(
+        '[tool.splatgl.compare]\nnoise = "drivers"\nmax-rmse = "abc"\nmax-difrence = 3\n'
+    )
+    pytester.makepyfile(
+        "import numpy as np\n\n"
+        + "".join(f"def test_{n}(splatgl_image):\n    splatgl_image(np.zeros((8, 8, 3)))\n\n" for n in range(3))
+    )
+    told = pytester.runpytest("-p", "no:cacheprovider", "--tb=short").stdout.str().partition("short test summary")[0]
+    for fault in ("noise: expected none or driver", "max-rmse: expected a number", "did you mean max-difference?"):
+        assert told.count(fault) == 1
+    assert told.count("as the first test with pictures says") == 2
