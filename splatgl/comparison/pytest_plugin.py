@@ -73,8 +73,8 @@ def _option(config: pytest.Config, name: str) -> Any:
 
 
 def options_of(config: pytest.Config) -> CompareOptions:
-    """The project's options: of pyproject.toml and of pytest's configuration. Bad ones fail the test; the first one says
-    what is wrong.
+    """The project's options: of pyproject.toml and of pytest's configuration. Bad ones fail the tests, of
+    which the first says what is wrong.
     """
     from splatgl.comparison.verdict import CompareOptions
     from splatgl.errors import InputError

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
+from weakref import WeakKeyDictionary
+from zlib import crc32
 
 import numpy as np
 
@@ -257,7 +259,8 @@ def pick(
 ) -> Picked | None:
     """The point under the centre of a pixel (column, row), row 0 on top; None if nothing is visible there.
 
-    A Scene keeps its voxels for the next pick, which takes milliseconds; of a Volume they are extracted every time.
+    A Scene or a Volume in memory keeps its voxels for the next pick, which takes milliseconds; changed samples are
+    extracted anew.
     mode "first": where half of the light is absorbed, or half of the ray's total absorption; "max": the largest value,
     of an attenuated MIP the one that is shown; None: as the blend of the settings shows: mip the largest value, minip
     the least, mean the first place of the mean. attenuation: of a largest value, per reference length. settings: of the
@@ -266,7 +269,7 @@ def pick(
     picture, for clouds of points, and for volumes that are read in parts.
     """
     settings = _settings_for(mode, attenuation, settings or Settings())
-    scene = Scene([Layer(x, transfer)]) if isinstance(x, Volume) else x
+    scene = _scene_of(x, transfer) if isinstance(x, Volume) else x
     pixels = np.array([_pixel_number(pixel, camera)])
     fields = fields_of(scene, camera, settings, pixels, "pick")
     layers = [field.along(camera, pixels) for _, field in fields]
@@ -290,6 +293,24 @@ def pick(
         return _point(scene, fields[most][0], part, depth)
     mesh = int(part.mesh[0, int(np.searchsorted(part.depth[0], depth))])
     return _point_of_mesh(scene, mesh, camera, pixels, depth)
+
+
+# scenes of picked volumes, with the checksums of their samples and the transfer functions
+_PICKED: WeakKeyDictionary[Volume, tuple[int, Transfer | None, Scene]] = WeakKeyDictionary()
+
+
+def _scene_of(volume: Volume, transfer: Transfer | None) -> Scene:
+    """The scene of a volume, the same one for the same samples and transfer function."""
+    if not isinstance(volume.samples, np.ndarray):
+        return Scene([Layer(volume, transfer)])
+    code = crc32(np.ascontiguousarray(volume.samples).data)
+    earlier = _PICKED.get(volume)
+    if earlier is not None and earlier[:2] == (code, transfer):
+        return earlier[2]
+    # a copy that shares the samples: the scene does not keep the volume alive
+    scene = Scene([Layer(replace(volume), transfer)])
+    _PICKED[volume] = code, transfer, scene
+    return scene
 
 
 def _settings_for(mode: str | None, attenuation: float, settings: Settings) -> Settings:

@@ -14,7 +14,7 @@ from splatgl import __version__
 from splatgl.coercion import is_instance, is_scene, public
 from splatgl.data.image import Image
 from splatgl.data.volume import ArrayOptions, Volume
-from splatgl.errors import expected
+from splatgl.errors import expected, warn
 from splatgl.fileio import within
 from splatgl.options import (
     HelpGroup,
@@ -38,6 +38,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import TransferChoice
 from splatgl.scene.view import AZIMUTH, ELEVATION, ViewOptions
 from splatgl.splat.settings import Settings
+from splatgl.transfer.presets import CONSTANT
 from splatgl.transfer.transfer import EXTENT, Transfer
 from splatgl.transfer.transfer_nodes import SUFFIXES
 
@@ -249,8 +250,8 @@ def render(
     unit: a number or "extent", the length that opacities refer to, or other text, the unit of an array's lengths;
     background: linear RGB, a name, "#rrggbb" or "transparent"; by default white behind surfaces and black behind
     glowing matter. `info["notes"]` lists the notes that the command prints about a file, and on options without effect.
-    The image's `accuracy` compares it with the float64 reference, when asked. Raises InputError for bad input,
-    and if nothing is visible.
+    Warns (InputWarning) of samples that are all the same, of which only the box is visible. The image's `accuracy`
+    compares it with the float64 reference, when asked. Raises InputError for bad input, and if nothing is visible.
 
     ```python
     image = sg.render("head.nii.gz", "mri", azimuth=60, size=200, background="white")
@@ -258,7 +259,9 @@ def render(
     ```
     """
     scene = scene_of(x, transfer, camera, settings, options)
-    return picture(scene, options.get("memory"))
+    image = picture(scene, options.get("memory"))
+    warn([note for note in image.notes if note.startswith(CONSTANT)], getattr(x, "name", None) or "render")
+    return image
 
 
 def picture(scene: SceneFile | SubjectView, memory: Any) -> Image:

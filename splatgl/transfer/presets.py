@@ -544,6 +544,9 @@ def with_preset_blend(settings: Settings, name: str) -> Settings:
     return settings if blend is None or "blend" in settings.given else replace(settings, blend=blend)
 
 
+CONSTANT = "constant: all samples are"
+
+
 def constant_note(volume: Volume) -> str:
     """A note on a volume of one value, whose picture shows its box; "" for others, and for points and colours."""
     level = volume.coarser[-1] if volume.coarser else volume
@@ -555,7 +558,7 @@ def constant_note(volume: Volume) -> str:
         return ""
     stats = statistics(volume)
     is_seen = len(stats.values) > 0 and stats.constant
-    return f"constant: all samples are {stats.values[0]:g}, and a picture shows the box alone" if is_seen else ""
+    return f"{CONSTANT} {stats.values[0]:g}, so that nothing is visible but the box" if is_seen else ""
 
 
 def build_transfer(chosen: Preset, stats: Statistics, volume: Volume) -> Transfer:

@@ -126,3 +126,20 @@ def test_no_thin_matter_is_stepped_over(seed: int) -> None:
         eye = camera.eye_from_points(np.array(found.place))[2]
         assert np.abs(length[seen] * down[row, column] - eye).min() < 0.05
         assert mapped[row, column] <= (length[seen] * down[row, column])[0] + 0.02
+
+
+def test_a_volume_keeps_its_voxels_until_its_samples_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    from splatgl.planning import resolve
+
+    taken: list[str] = []
+    extract = resolve.extract
+    monkeypatch.setattr(resolve, "extract", lambda *a, **k: taken.append("voxels") or extract(*a, **k))
+    samples = np.arange(1000.0).reshape(10, 10, 10)
+    volume = sg.Volume(samples)
+    camera = sg.Camera.orbit(volume, size=(8, 8))
+    first = sg.pick(volume, camera, (4, 4))
+    assert sg.pick(volume, camera, (4, 4)) == first is not None and len(taken) == 1
+    assert sg.pick(volume, camera, (4, 4), FOG) != first and len(taken) == 2
+    samples[:] = samples[::-1].copy()
+    changed = sg.pick(volume, camera, (4, 4), FOG)
+    assert changed is not None and changed == sg.pick(sg.Volume(samples), camera, (4, 4), FOG)

@@ -102,7 +102,7 @@ def test_a_constant_volume_is_a_fog(value: float) -> None:
 def test_every_door_says_that_a_volume_is_constant(
     samples: np.ndarray, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = f"constant: all samples are {samples[0, 0, 0]:g}, and a picture shows the box alone"
+    told = f"constant: all samples are {samples[0, 0, 0]:g}, so that nothing is visible but the box"
     file = tmp_path / "v.nrrd"
     Volume(samples).save(file)
     for line in (["info"], ["render", "-o", str(tmp_path / "v.png"), "--size", "24"], ["info", "--json"]):
@@ -110,7 +110,8 @@ def test_every_door_says_that_a_volume_is_constant(
         printed = capsys.readouterr()
         assert told in printed.out + printed.err
     for source in (file, samples):
-        image = sg.render(source, size=(24, 24), background="transparent")
+        with pytest.warns(sg.InputWarning, match="nothing is visible"):
+            image = sg.render(source, size=(24, 24), background="transparent")
         assert told in image.info["notes"] and image.pixels[..., 3].max() < 0.95
         assert sg.render(source, size=(24, 24), blend="mip", background="transparent").pixels[..., 3].max() > 0.9
     document = Document.open(SceneFile(str(file)), quiet=True)
