@@ -487,6 +487,8 @@ MEANINGS = {
     "ref": "reference baseline",
     "workers": "jobs threads n-jobs nproc processes cores",
     "memory": "max-memory mem ram",
+    "gpu": "cuda use-gpu hardware hardware-acceleration require-gpu use-cuda",
+    "device": "gpu-id gpu-index gpu-device cuda-device device-id",
     "quiet": "silent no-progress",
     "turntable": "orbit rotate-movie 360",
     "fps": "framerate frame-rate",
@@ -500,6 +502,8 @@ MEANINGS = {
 }
 
 
+# options of the command line that are no keywords of pictures, and where Python has them
+OF_RENDERERS = {name: f"{name} is an argument of sg.Renderer" for name in ("gpu", "device", "backend")}
 # most names that are suggested for an abbreviation
 MOST_BEGUN = 3
 
@@ -509,6 +513,9 @@ def nearest(word: str, known: Iterable[str]) -> str:
     names = {name.strip("-").replace("_", "-"): name for name in known}
     plain = word.partition("=")[0].strip("-").replace("_", "-").lower()
     meant = [suggestion for suggestion, words in MEANINGS.items() if plain in words.split()]
+    of_renderers = next((name for name in (plain, *meant) if name in OF_RENDERERS and "azimuth" in names.values()), "")
+    if of_renderers and of_renderers not in names:
+        return OF_RENDERERS[of_renderers]
     for name, _, value in (suggestion.partition(" ") for suggestion in meant):
         if name in names:
             form = f"{names[name]} {value}" if names[name].startswith("-") else f"{names[name]}={value!r}"

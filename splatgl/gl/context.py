@@ -79,7 +79,8 @@ def open_context(opengl: OpenGL) -> moderngl.Context:
     if forked():
         fix = SPAWN
     elif require_gpu:
-        fix = f"unset {REQUIRE_GPU} to draw in software"
+        what = "leave out gpu" if opengl.gpu else f"unset {REQUIRE_GPU}"
+        fix = f"{what} to draw in software"
     elif requested == "window" and has_display():
         # nothing draws a window without its display, not OSMesa either
         fix = window_fix("; ".join(refusals))

@@ -120,6 +120,7 @@ MEANT = {
     **{"--component": "--channel", "--timestep": "--time", "--voxel-size": "--spacing", "--dims": "--shape"},
     **{"--shade": "--shading", "--lights": "--light", "--ssao": "--ambient-occlusion", "--msaa": "--samples"},
     **{"--gradient-opacity": "--gradient", "--jobs": "--workers", "--screenshot": "--output", "--zoomfactor": ""},
+    **{"--cuda": "--gpu", "--gpu-id": "--device", "--hardware": "--gpu"},
     **{"--interpolation": "", "--verbose": "", "--theme": "", "--lod": "", "--flip": "", "--smooth": "", "--style": ""},
     **{"--edges": "", "--stereo": "", "--fullscreen": "", "--jitter": "", "--hdri": "", "--tone-mapping": ""},
 }
@@ -146,6 +147,9 @@ def test_commands_and_keywords_by_meaning(here: Path, capsys: Said) -> None:
         assert f"(did you mean {advised}?)" in capsys.readouterr().err
     with pytest.raises(InputError, match=r"got mip; did you mean blend='mip'\?"):
         sg.render(np.zeros((4, 4, 4)), mip=True)  # type: ignore[call-arg]
+    for name, meant in (("gpu", "gpu"), ("cuda", "gpu"), ("device_id", "device")):
+        with pytest.raises(InputError, match=f"got {name}; {meant} is an argument of sg.Renderer"):
+            sg.render(np.zeros((4, 4, 4)), **{name: 1})  # type: ignore[misc]
 
 
 # --- values ----------------------------------------------------------------------------------------------------------
