@@ -28,6 +28,8 @@ from splatgl.fileio import require_file
 ANIMATED, MOVIES = (".gif", ".webp", ".apng", ".png", ".tif", ".tiff"), (".mp4", ".mov", ".mkv", ".webm", ".avi")
 # endings of pictures in folders
 SUFFIXES = (*ANIMATED, ".npy", ".exr", ".jpg", ".jpeg", ".bmp", ".svg", ".pdf", *MOVIES)
+# the beginning of the text that stands for a file which Git LFS has not fetched
+LFS = b"version https://git-lfs"
 # pixels an inch of a PDF's page
 PAGE_DPI = 144
 # the beginning of a text in SVG, and bytes that are searched for it
@@ -165,6 +167,9 @@ def frames(path: Path) -> Iterator[Picture]:
     """
     ending = path.suffix.lower()
     require_file(path)
+    with path.open("rb") as file:
+        if file.read(len(LFS)) == LFS:
+            raise expected(path, "a picture", "a pointer of Git LFS", "fetch the file with: git lfs pull")
     if ending in MOVIES:
         yield from _numbered(path, _movie_frames(path))
     elif ending == ".pdf":

@@ -329,3 +329,9 @@ def test_a_page_that_is_waited_for_is_told() -> None:
 
     with pytest.raises(sg.InputError, match=r"give the bytes of await page.screenshot\(\)"):
         sg.compare(Page(), flat())
+
+
+def test_pointers_of_git_lfs_are_told(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n")
+    with pytest.raises(sg.InputError, match="got a pointer of Git LFS; fetch the file with: git lfs pull"):
+        sg.judge(tmp_path / "a.png", tmp_path / "a.png")
