@@ -284,7 +284,7 @@ def keywords_of(record: Any, *names: str, flags: bool = False) -> dict[str, Para
     """Fields of a dataclass, or some of them, as keywords of functions. flags: also by the names of their flags on the
     command line, where these differ.
     """
-    options, found = declared(record), {}
+    options, found = declared(record), dict[str, Parameter]()
     for item in (item for item in fields(record) if item.name in names or not names):
         option = options.get(item.name)
         hint = option.kind.hint if option else str(item.type).replace("Triple", "Numbers")

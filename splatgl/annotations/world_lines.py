@@ -263,10 +263,10 @@ def draw_triad(layer: Canvas, view: AnnotationView) -> None:
         tip = middle + along * long
         if reach > 1e-6:
             unit = along / reach
-            across = np.array([-unit[1], unit[0]])
+            side = np.array([-unit[1], unit[0]]) * 0.25 * em
             back = tip - unit * HEAD * em * min(1.0, reach * 2)
             layer.lines([[middle, back]], color)
-            layer.polygon(np.array([tip, back + across * 0.25 * em, back - across * 0.25 * em]), color)
+            layer.polygon(np.array([tip, back + side, back - side]), color)
     for name, size, at, color in zip(names, sizes, letters_at, COLORS, strict=True):
         left = min(max(round(at[0] - size[0] / 2), place.left), place.right - size[0])
         layer.text(name, left, round(at[1] - size[1] / 2), color)

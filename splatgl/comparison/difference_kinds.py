@@ -37,6 +37,8 @@ SQUARE, FEW_PARTS, MOST_PARTS = 12, 2, 60
 INK = 24
 # share of the ink that two parts of one form have in common, and least change of a size
 SAME_FORM, OTHER_SIZE = 0.8, 0.04
+# share of the ink of a thinner part that the thicker one has, too
+ALL_INK = 0.98
 # pixels around a changed part in which ink is a part of it, and least share of its pixels that has its colour
 NEAR, LEAST_SHARE = 2, 0.02
 
@@ -339,7 +341,7 @@ def _changed_part(
         name, words = ("extra", "an extra object") if is_new else ("missing", "an object is missing")
         return DifferenceKind(name, f"{words} ({size})")
     now, before = (part[box] for part in ink)
-    if _shared(now, before) >= SAME_FORM and np.abs(np.subtract(*map(_unpacked, common))).max() > INK:
+    if _shared(now, before) >= SAME_FORM and np.ptp([_unpacked(color or 0) for color in common], axis=0).max() > INK:
         return DifferenceKind("recoloured", f"a part has the colour {names[0]} instead of {names[1]} ({size})")
     (top, left, tight), (top_before, left_before, tight_before) = (_tight(part) for part in (now, before))
     form = f"a part in {names[0]}"
@@ -348,8 +350,9 @@ def _changed_part(
         parts = filter(None, (_pixels(by[0], "right", "left"), _pixels(by[1], "down", "up")))
         return DifferenceKind("moved", f"{form} is moved by {' and '.join(parts)} ({size})")
     both = np.count_nonzero(now & before)
-    for name, part, other in (("thicker", before, now), ("thinner", now, before)):
-        if both >= 0.98 * np.count_nonzero(part) and np.count_nonzero(other) > np.count_nonzero(part):
+    inks = int(np.count_nonzero(now)), int(np.count_nonzero(before))
+    for name, less, more in (("thicker", *inks[::-1]), ("thinner", *inks)):
+        if both >= ALL_INK * less and more > less:
             return DifferenceKind(name, f"{form} is {name} ({size})")
     ratio = tight.size / tight_before.size - 1
     if abs(ratio) > OTHER_SIZE:
@@ -372,7 +375,7 @@ def _main_color(colors: np.ndarray, background: np.ndarray) -> int | None:
 
 def _shared(a: np.ndarray, b: np.ndarray) -> float:
     """Share of the pixels of either that both have."""
-    return float(np.count_nonzero(a & b) / max(np.count_nonzero(a | b), 1))
+    return int(np.count_nonzero(a & b)) / max(int(np.count_nonzero(a | b)), 1)
 
 
 def _tight(ink: np.ndarray) -> tuple[int, int, np.ndarray]:

@@ -368,7 +368,7 @@ class CompareOptions:
         """
         named = {name.replace("_", "-"): value for name, value in values.items() if value is not None}
         stated: dict[type, dict[str, Any]] = {record: {} for record in RECORDS}
-        faults = []
+        faults: list[str] = []
         for name, value in named.items():
             try:
                 reject_unknown(what or "options", [name], OPTIONS)
