@@ -135,6 +135,7 @@ class LookKeywords(TypedDict, total=False):
     file: str
     only_labels: str | Sequence[int | tuple[int, float]] | Mapping[int, float]
     name_of: Mapping[int, str] | Sequence[str]
+    names: str
     color_of: Mapping[str, str] | Sequence[str]
     window_of: Mapping[str, Numbers] | Sequence[str]
     points: Sequence[Numbers]

@@ -48,7 +48,7 @@ def add_transfer(parser: argparse.ArgumentParser) -> None:
     add_options(parser, TransferChoice, "preset", "level_width", "file", "curve", "colors")
     add_options(parser, Transfer)
     add_options(parser, SceneFile, "threshold")
-    add_options(parser, TransferChoice, "only_labels", "name_of")
+    add_options(parser, TransferChoice, "only_labels", "name_of", "names")
 
 
 def add_backend(parser: argparse.ArgumentParser, default: str = "auto") -> None:

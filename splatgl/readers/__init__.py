@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from contextlib import nullcontext
 from dataclasses import fields, replace
 from pathlib import Path
@@ -10,14 +9,15 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.coercion import public
 from splatgl.data.scenes import SCENES
-from splatgl.data.volume import Label, Volume
+from splatgl.data.volume import Volume
 from splatgl.errors import InputError, MissingOption, error_prefix, expected, warn
-from splatgl.fileio import decode_text, require_existing
+from splatgl.fileio import require_existing
 from splatgl.options import keywords_of, reject_unknown, with_keywords
 from splatgl.plugins import find_function, load_plugins
 from splatgl.readers.common import silence_libraries
 from splatgl.readers.contents import FIXES, UNKNOWN, describe_bytes, identify, is_n5, is_pattern
 from splatgl.readers.heightmap import terrain_from_heights
+from splatgl.readers.label_table import load_label_table
 from splatgl.readers.options import FORMATS, Format, LoadOptions, converter, inside
 from splatgl.readers.remote import Remote, address_name, is_address
 
@@ -240,52 +240,3 @@ def _reject_options(form: Format, options: LoadOptions) -> None:
     refused = sorted(options.given - set(known))
     if refused:
         raise expected("options", f"some of {', '.join(known)} for {form.title}", ", ".join(refused))
-
-
-ENDINGS = (".label", ".lbl", ".txt")
-MARK = "ITK-SnAP Label Description File"
-# most bytes of a table, and of its first lines that identify it
-MOST, FIRST = 1 << 20, 400
-# number, red, green, blue, opacity, visible, mesh visible, and the name in quotation marks
-NUMBER_AND_COLOR = r"\s*(\d{1,9})\s+(\d{1,3})\s+(\d{1,3})\s+(\d{1,3})\s+"
-ROW = re.compile(NUMBER_AND_COLOR + r'(\d+\.?\d*|\.\d+)\s+(\d{1,9})\s+\d+\s+"([^"]*)"\s*')
-
-
-def load_label_table(path: Path, stem: str) -> tuple[Label, ...] | None:
-    """The labels except 0 of ITK-SNAP's table stem.label, stem.lbl or stem.txt beside `path`; None without a table.
-
-    Raises InputError for a table with other lines, or without labels.
-    """
-    for table in list_label_tables(path.parent, stem):
-        return _parse_labels(table.name, _first_text(table, MOST))
-    return None
-
-
-def list_label_tables(folder: Path, stem: str) -> list[Path]:
-    """ITK-SNAP's tables of labels of a file with that stem."""
-    tables = [table for ending in ENDINGS if (table := folder / (stem + ending)).is_file()]
-    return [table for table in tables if MARK.lower() in _first_text(table, FIRST).lower()]
-
-
-def _first_text(path: Path, most: int) -> str:
-    """Text at the start of a file, of at most so many bytes."""
-    with path.open("rb") as file:
-        return decode_text(file.read(most))
-
-
-def _parse_labels(name: str, text: str) -> tuple[Label, ...]:
-    labels: dict[int, Label] = {}
-    for number, line in enumerate(text.splitlines(), 1):
-        if not line.strip() or line.startswith("#"):
-            continue
-        row = ROW.fullmatch(line)
-        rgb = [int(part) for part in row.group(2, 3, 4)] if row else [256]
-        opacity = float(row[5]) if row else 0.0
-        if row is None or max(rgb) > 255 or opacity > 1:
-            raise expected(f"{name}, line {number}", 'NUMBER R G B A VIS MSH "NAME"', repr(line[:60]))
-        color, hidden = "#{:02x}{:02x}{:02x}".format(*rgb), not int(row[6])
-        labels[int(row[1])] = Label(int(row[1]), row[7], color, opacity, hidden)
-    labels.pop(0, None)
-    if not labels:
-        raise expected(name, "labels", "none", "remove the file")
-    return tuple(sorted(labels.values(), key=lambda label: label.number))

@@ -36,7 +36,7 @@ from splatgl.data.affine import World
 from splatgl.data.color import CLEAR
 from splatgl.data.mask import OUTSIDE, parse_mask
 from splatgl.data.scenes import SCENES
-from splatgl.data.volume import Hints, Volume
+from splatgl.data.volume import Hints, Label, Volume
 from splatgl.errors import error_prefix, expected
 from splatgl.fileio import load_table, toml_rows, toml_value
 from splatgl.geometry.scissors import FORM, Scissors
@@ -54,6 +54,7 @@ from splatgl.options import (
     reject_unknown,
 )
 from splatgl.readers import find_labels, load_source
+from splatgl.readers.label_table import read_label_table
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import (
@@ -73,6 +74,7 @@ from splatgl.scene.transfer_choice import (
     FAINTLY,
     LABEL,
     LABEL_KEYS,
+    NAME_KEYS,
     REPLACES,
     SeriesLook,
     TransferChoice,
@@ -390,7 +392,7 @@ class SceneFile:
                 transfer[name] = checked(choice.kind, name, options[name])
         reading = {**self.load, **{name: options[name] for name in declared(LoadOptions) if name in options}}
         if "labels" in options:
-            chosen = {name: transfer.pop(name, ()) for name in ("only_labels", "name_of")}
+            chosen = {name: transfer.pop(name, ()) for name in LABEL_KEYS if name in transfer or name == "only_labels"}
             layers = (*layers, replace(self._find_labels(options["labels"], reading), transfer=chosen))
         meshes = (*self.meshes, *map(MeshFile.of, several(scene_options.pop("meshes", ()))))
         meshes = clipped_meshes(self.volume, meshes, options)
@@ -421,7 +423,7 @@ class SceneFile:
         """Returns the scene with keys of its transfer function, which replace those that say the same, or all looks."""
         replaced = {name for given in keys for name in REPLACES.get(given, ())}
         if declared(Transfer).keys() <= keys.keys():
-            replaced = self.transfer.keys() - {*CHANNEL_KEYS, "name_of"}
+            replaced = self.transfer.keys() - {*CHANNEL_KEYS, *NAME_KEYS}
         kept = {name: value for name, value in self.transfer.items() if name not in replaced}
         return replace(self, transfer={**kept, **keys})
 
@@ -509,12 +511,12 @@ class SceneFile:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Names of all files: volume, colours, masks, meshes, and the files of layers."""
+        """Names of all files: volume, colours, names, masks, meshes, and those of layers."""
         color = self.load.get("color")
         masks = [parse_mask(mask)[0] for mask in (*(self.mask or ()), self.uncut) if isinstance(mask, str)]
         meshes = [mesh.file for mesh in self.meshes if mesh.held is None]
         layer_files = [file for layer in self.layers for file in layer.files]
-        return (self.volume, *([color] if color else []), *filter(None, masks), *meshes, *layer_files)
+        return (self.volume, *filter(None, (color, self.transfer.get("names"), *masks)), *meshes, *layer_files)
 
     def open(self) -> Volume:
         """Returns the masked volume of a built-in scene, a file or memory; a flat stack gets its view direction."""
@@ -585,26 +587,34 @@ class SceneFile:
         return marked
 
     def _with_names(self, volume: Volume) -> Volume:
-        """Returns the volume with the names that the transfer function gives its segments. Raises InputError for other
-        numbers.
+        """Returns the volume with the names and colours that the transfer function gives its segments: those of a
+        table, and before them single names. Raises InputError for other numbers.
         """
-        pairs = self.transfer.get("name_of", ())
+        pairs, file = self.transfer.get("name_of", ()), self.transfer.get("names")
         try:
             names = {int(number): str(name) for number, name in pairs}
         except (TypeError, ValueError):
             raise expected("name_of", "a number and a name for each segment", repr(pairs)[:80]) from None
-        if not names:
+        listed = read_label_table(Path(checked(declared(TransferChoice)["names"].kind, "names", file))) if file else {}
+        if not (names or listed):
             return volume
-        known = {label.number for part in volume.channels or (volume,) for label in labels_of(part)}
+        tables = [labels_of(part) for part in (volume, *volume.channels)]
+        known = {label.number for table in tables for label in table}
+        some = f"some of {', '.join(map(str, sorted(known)[:20]))}{', …' * (len(known) > 20)}"
         if names.keys() - known:
-            some = f"{', '.join(map(str, sorted(known)[:20]))}{', …' * (len(known) > 20)}"
-            raise expected("name_of", f"some of {some}", min(names.keys() - known))
+            raise expected("name_of", some, min(names.keys() - known))
+        if listed and not listed.keys() & known:
+            raise expected("names", some, f"other numbers in {file}")
 
-        def with_names(part: Volume) -> Volume:
-            labels = (replace(label, name=names.get(label.number, label.name)) for label in labels_of(part))
-            return replace(part, labels=tuple(labels))
+        def named(label: Label) -> Label:
+            row = listed.get(label.number, label)
+            return replace(label, name=names.get(label.number, row.name), color=row.color or label.color)
 
-        return replace(with_names(volume), channels=tuple(map(with_names, volume.channels)))
+        whole, *channels = (
+            replace(part, labels=tuple(map(named, table)))
+            for part, table in zip((volume, *volume.channels), tables, strict=True)
+        )
+        return replace(whole, channels=tuple(channels))
 
     def cut(self, volume: Volume) -> SceneFile:
         """Returns the scene with the planes of `clip` and `crop` in its settings and a view fitted to the crop. Raises
@@ -637,7 +647,7 @@ class SceneFile:
         """Returns the transfer function without the scene's opacity."""
         if self.look is not None and self.look.transfer is not None and volume.labels is None:
             return replace(self.look.transfer, unit=self.transfer.get("unit", self.look.transfer.unit))
-        chosen = {key: value for key, value in self.transfer.items() if key not in (*CHANNEL_KEYS, "name_of")}
+        chosen = {key: value for key, value in self.transfer.items() if key not in (*CHANNEL_KEYS, *NAME_KEYS)}
         keys = with_window(chosen)
         name = keys.pop("preset", None)
         if volume.labels is not None and "labels" not in keys and keys.keys() & AMOUNT_KEYS:

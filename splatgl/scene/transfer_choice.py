@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,7 +35,9 @@ AMOUNT_KEYS = frozenset(
 )
 # keys of the colours of amounts, and of the segments of a segmentation
 COLOR_KEYS = ("colormap", "colors", "window", "level_width")
-LABEL_KEYS = ("only_labels", "name_of")
+LABEL_KEYS = ("only_labels", "name_of", "names")
+# keys of the names of segments
+NAME_KEYS = ("name_of", "names")
 # keys that clouds of points take, too
 OF_POINTS = ("points", "shading")
 # keys that state opacities
@@ -152,6 +155,12 @@ def _level_width(value: Any) -> tuple[float, float]:
     return level, width
 
 
+def _file_name(value: Any) -> str:
+    if not isinstance(value, str | Path):
+        raise ValueError
+    return str(value)
+
+
 _option = partial(option, group=HelpGroup.TRANSFER)
 
 
@@ -210,6 +219,11 @@ class TransferChoice:
         _pairs_kind("a whole number and a name", read_label_name, "NUMBER=NAME", "Mapping[int, str] | Sequence[str]"),
         "name of a segment, instead of the file's, by the number of its voxels (repeatable)",
         repeat=True,
+    )
+    names: str = _option(
+        "",
+        ValueKind("a file", _file_name, str, "FILE", hint="str"),
+        "names and colours of segments from a table: FreeSurfer's, ITK-SNAP's, 3D Slicer's .ctbl, CSV or TSV",
     )
     color_of: tuple[tuple[str, str], ...] = _option(
         (),
@@ -320,10 +334,8 @@ def notes_on_looks(keys: Mapping[str, Any], volume: Volume, settings: Settings, 
 
 
 def place_files(keys: Mapping[str, Any], place: Callable[[str], str]) -> dict[str, Any]:
-    """Returns keys of a transfer function with `place` applied to its file and to the images of regions."""
-    moved = dict(keys)
-    if "file" in keys:
-        moved["file"] = place(str(keys["file"]))
+    """Returns keys of a transfer function with `place` applied to its files and to the images of regions."""
+    moved = {**keys, **{name: place(str(keys[name])) for name in ("file", "names") if keys.get(name)}}
     if "regions" in keys:
         moved["regions"] = [move_image(region, place) for region in keys["regions"]]
     return moved

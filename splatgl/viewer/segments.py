@@ -48,7 +48,10 @@ def style_with_segments(style: LayerStyle, volume: Volume, transfer: Mapping[str
     }
     labels = tuple((looks | drawn).values())
     base = replace(style.base, labels=labels) if set(labels) != set(stated) else style.base
-    names = tuple((int(number), str(name)) for number, name in transfer.get("name_of", ()) if int(number) in looks)
+    # a saved scene has the names of a table, too
+    listed = [(label.number, label.name) for label in table if label.name] if transfer.get("names") else []
+    chosen = {int(number): str(name) for number, name in (*listed, *transfer.get("name_of", ()))}
+    names = tuple((number, name) for number, name in sorted(chosen.items()) if number in looks)
     return replace(style, base=base, hidden=frozenset(looks.keys() - drawn.keys()), names=names)
 
 

@@ -21,7 +21,7 @@ from splatgl.data.volume import Label, Volume, triple
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import atomic_folder, atomic_write, check_output
 from splatgl.plugins import find_function, load_plugins
-from splatgl.readers import MARK, list_label_tables
+from splatgl.readers.label_table import MARK, list_label_tables
 from splatgl.transfer.colormaps import colors_of
 
 # bytes of samples that are read at a time

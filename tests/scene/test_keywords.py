@@ -141,7 +141,8 @@ def values() -> dict[str, Any]:
         **{"blur_width": 2.0, "tolerance": 0.05, "background": "red"},
         **{"clip": "x>0.5", "preset": "mip", "curve": "ramp:40,90"},
         **{"colors": "20:red,150:blue", "level_width": (100, 50), "file": "look.toml", "only_labels": [1]},
-        **{"name_of": {1: "liver"}, "color_of": {"GFP": "red"}, "window_of": {"GFP": (10, 60)}, "colormap": "hot"},
+        **{"names": "lut.txt", "name_of": {1: "liver"}, "color_of": {"GFP": "red"}, "window_of": {"GFP": (10, 60)}},
+        **{"colormap": "hot"},
         **{"points": [(50, 0), (80, 0.9)], "window": (30, 60), "unit": 5.0, "gradient": [(0, 0), (20, 1)]},
         **{"scale": "log", "log": True, "iso": 80, "regions": region, "region": region, "threshold": 0.3},
         **{"crop": "0:5,:,:", "mask": segments(), "uncut": "1", "scissors": "0,0 1,0 1,0.5", "surfaces": 0.5},
@@ -186,8 +187,7 @@ STATED = {"dpi": "dpi", "origin": "eye", "name": "source", "occlusion": "cutoff"
 
 
 def draw(x: Any, folder: Path, **options: Any) -> sg.Image:
-    if "file" in options:
-        options["file"] = str(folder / options["file"])
+    options |= {name: str(folder / options[name]) for name in ("file", "names") if name in options}
     return sg.render(x, **{"size": SIZE, **options})
 
 
@@ -217,6 +217,7 @@ def effect(base: sg.Image, x: Any, folder: Path, keyword: str, value: Any) -> st
 
 def check(kind: str, folder: Path) -> None:
     sg.Transfer(POINTS, "hot").save(folder / "look.toml")
+    (folder / "lut.txt").write_text("1 liver 255 0 0 0\n")
     x = SUBJECTS[kind](folder)
     base = draw(x, folder)
     table = {**values(), **{keyword: value for (of, keyword), value in OTHER.items() if of == kind}}
@@ -360,6 +361,7 @@ def amounts(folder: Path) -> str:
 OF_SEGMENTS = {
     "only_labels": ("--only-labels", "1", "a segmentation, got amounts in"),
     "name_of": ("--name-of", "1=liver", "a segmentation, got amounts in"),
+    "names": ("--names", "lut.txt", "a segmentation, got amounts in"),
     "surfaces": ("--surfaces", "0.5", "a segmentation among the volumes, got amounts in"),
     "color_of": ("--color-of", "1=red", "several channels, got one"),
 }
