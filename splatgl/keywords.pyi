@@ -218,6 +218,7 @@ class PictureKeywords(
     slice: str | Sequence[str]
     slice_planes: str | Sequence[Any]
     slice_plane: str | Sequence[Any]
+    label_fill: float
     measures: Any
     measure: Any
     labels: Any

@@ -85,7 +85,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     )
     about = ".png, .jpg, .svg, .pdf, .npy, .tif or .exr (default SOURCE.png); of several sources with {name}"
     parser.add_argument("-o", "--output", metavar="FILE", help=about)
-    add_options(parser, SceneFile, "annotate", "slices")
+    add_options(parser, SceneFile, "annotate", "slices", "label_fill")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     output = group_of(parser, HelpGroup.OUTPUT)
     add_options(parser, ViewOptions, *ON_PAPER)

@@ -410,6 +410,17 @@ def to_screen(light: np.ndarray) -> np.ndarray:
     )
 
 
+def near_borders(values: np.ndarray, width: int) -> np.ndarray:
+    """bool [H, W]: where another value is at most `width` pixels away along a row or column."""
+    near = np.zeros(values.shape, bool)
+    for rows, marked in ((values, near), (values.T, near.T)):
+        for step in range(1, min(width, len(rows) - 1) + 1):
+            differ = rows[step:] != rows[:-step]
+            marked[step:] |= differ
+            marked[:-step] |= differ
+    return near
+
+
 @lru_cache(maxsize=8)
 def map_colors(name: str) -> np.ndarray:
     """uint8 [COLORS, 4]: a colour map in sRGB."""
@@ -418,9 +429,12 @@ def map_colors(name: str) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class SlicePainter:
-    """Layers of a slice: the first is opaque; others are blended over it, or added if all are unshaded amounts."""
+    """Layers of a slice: the first is opaque; others are blended over it, or added if all are unshaded amounts. fill:
+    factor of the opacity of segments over others in pictures, but at their outlines.
+    """
 
     layers: Sequence[SliceLayer]
+    fill: float = 1.0
 
     def light(self, points: np.ndarray) -> np.ndarray:
         """float64 [P, 4] at world points [P, 3]: linear RGB, and 1, or 0 outside the volumes."""
@@ -431,17 +445,24 @@ class SlicePainter:
         return self._join(parts)
 
     def pixels(
-        self, plane: SlicePlane, low: np.ndarray, pitch: Pitch, size: tuple[int, int], beyond: float = 0.0
+        self,
+        plane: SlicePlane,
+        low: np.ndarray,
+        pitch: Pitch,
+        size: tuple[int, int],
+        beyond: float = 0.0,
+        width: int = 1,
     ) -> np.ndarray:
         """float64 [H, W, 4], as `light`, at the pixels of a plane; of the level with voxels as wide as a pixel. low,
-        pitch, size: as of `SlicePlane.raster`; beyond: voxels to which the first layer is continued beyond its box.
+        pitch, size: as of `SlicePlane.raster`; beyond: voxels to which the first layer is continued beyond its box;
+        width: of outlines within segments, pixels.
         """
         parts = []
         for number, layer in enumerate(self.layers):
             volume = level_for(layer.volume, min(pitch))
             raster = plane.raster(volume, low, pitch, size)
             parts.append(sample_raster(volume, raster, layer.nearest, 0.0 if number else beyond))
-        return self._join(parts)
+        return self._join(parts, width if self.fill < 1 else 0)
 
     def screen(self, plane: SlicePlane, low: np.ndarray, pitch: Pitch, size: tuple[int, int]) -> np.ndarray:
         """uint8 [H, W, 4], sRGB, and 255, or 0 outside the volumes: as `pixels`; of a map or segments by a table."""
@@ -469,7 +490,7 @@ class SlicePainter:
             pixels[~known] = 0
         return pixels.view(np.uint8).reshape(*known.shape, 4)
 
-    def _join(self, parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    def _join(self, parts: Sequence[tuple[np.ndarray, np.ndarray]], width: int = 0) -> np.ndarray:
         adds = len(self.layers) > 1 and all(layer.glows for layer in self.layers)
         total: np.ndarray = np.zeros((*parts[0][1].shape, 4))
         for number, (layer, (values, known)) in enumerate(zip(self.layers, parts, strict=True)):
@@ -479,6 +500,10 @@ class SlicePainter:
                 total[..., :3] += layer.opacity * color
             else:
                 share = (shown if number == 0 else layer.opacity * layer.share(values) * shown)[..., None]
+                if number and width and layer.nearest:
+                    share = np.where(
+                        near_borders(np.where(shown, values, 0), width)[..., None], share, self.fill * share
+                    )
                 total[..., :3] = total[..., :3] * (1 - share) + color * share
             total[..., 3] = np.maximum(total[..., 3], shown)
         # sums end at white

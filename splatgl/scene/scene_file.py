@@ -113,7 +113,7 @@ from splatgl.transfer.transfer import Transfer
 TABLES: dict[str, type] = {
     **{name: dict for name in ("load", "transfer", "camera", "settings", "vectors", "animation")},
     **{name: list for name in ("layer", "mesh", "measure", "annotate", "scissors", "slices", "slice_planes")},
-    "volume": str,
+    **{"volume": str, "label_fill": object},
 }
 # keys of the animation; those of keyframes
 TRACK = ("ease", "path", "keyframe")
@@ -123,7 +123,7 @@ OF_VOXELS = ("threshold", "mask", "uncut", "scissors", "slices", "slice_planes")
 # keys of a layer that are not options; options of a scene and its layers with values that TOML can hold
 LAYER = ("volume", "load", "transfer")
 PLAIN = ("title", "threshold", "opacity", "visible", "clip", "crop", "mask", "uncut", "surfaces")
-PICTURE = ("annotate", "slices", "slice_planes")
+PICTURE = ("annotate", "slices", "slice_planes", "label_fill")
 
 
 def _annotations(value: Any) -> tuple[str, ...]:
@@ -156,6 +156,8 @@ _layers = partial(option, group=HelpGroup.LAYERS)
 _LAYER = ValueKind(
     "an opacity from 0 to 1", tuple, lambda text: SceneFile.read(text), "FILE[:LOOK[:OPACITY]]", hint="Any"
 )
+# opacity of labels on slices, within their outlines
+FILL = 0.4
 # options of reading in the text of a layer
 OF_LAYER = re.compile(r":(array|channel|field|level|series|time|well)=([^:]+)")
 
@@ -249,6 +251,11 @@ class SceneFile:
     )
     slices: tuple[str, ...] = field(default=(), metadata={"option": SLICES})
     slice_planes: tuple[str, ...] = field(default=(), metadata={"option": SLICE_PLANES})
+    label_fill: float = _layers(
+        FILL,
+        ValueKind.number("an opacity from 0 to 1", 0, 1, metavar="A"),
+        f"opacity of labels on slices within their outlines: 0 draws outlines alone, 1 fills them (default {FILL:g})",
+    )
     vectors: Vectors = field(default_factory=Vectors)
     animation: Mapping[str, Any] = field(default_factory=dict)
     measures: tuple[Measure, ...] = option(
@@ -533,6 +540,8 @@ class SceneFile:
         """Returns notes on options without effect. Raises InputError for options of voxels beside a cloud of points."""
         of_scene = [name for name in OF_VOXELS if getattr(self, name) not in (None, "", (), 0.0)]
         notes = notes_on_looks(self.transfer, volume, self.settings, of_scene)
+        if self.label_fill != FILL and not self.layers:
+            notes += no_effect(["label_fill"], "no labels are drawn over the volume")
         if not (self.clip or self.crop or self.settings.clip):
             of_meshes = ["caps" if mesh.caps else "clip_meshes" for mesh in self.meshes if mesh.clip]
             notes += no_effect([*["uncut"] * bool(self.uncut), *dict.fromkeys(of_meshes)], "neither clip nor crop cuts")

@@ -151,13 +151,14 @@ def layer_looks(pool: Mapping[int, LayerSplats], styles: Sequence[LayerStyle]) -
 
 
 @lru_cache(maxsize=2)
-def layer_painter(layers: tuple[SliceLayer, ...], colored: bool, only: bool = False) -> SlicePainter:
+def layer_painter(layers: tuple[SliceLayer, ...], colored: bool, only: bool = False, fill: float = 1.0) -> SlicePainter:
     """The painter of slices of layers, as of `splatgl render --slice`. colored: else the first is grey, by its window,
     unless it has segments or the layers add up. only: whether it is the scene's first layer alone, by its own window.
+    fill: as of `SlicePainter`.
     """
     if not only:
         layers = tuple(layer._replace(transfer=slice_colors(layer.volume, layer.transfer)) for layer in layers)
     first, adds = layers[0], not only and all(layer.glows for layer in layers)
     if not (colored or first.nearest or adds):
         layers = first._replace(transfer=replace(first.transfer, colormap="gray")), *layers[1:]
-    return SlicePainter(layers)
+    return SlicePainter(layers, fill)

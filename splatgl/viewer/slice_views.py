@@ -236,7 +236,7 @@ class SliceTool(Tool):
         strokes, labels = list[Stroke](), list[Sprite]()
         looks = layer_looks(document.pool, state.styles)
         is_only = len(looks) == 1 and looks[0].volume is volume
-        painter = layer_painter(looks, state.slices.colored, is_only)
+        painter = layer_painter(looks, state.slices.colored, is_only, document.scene.label_fill)
         for pane in visible:
             pixels = self._pixels(pane, state.slices, painter, volume)
             if pixels is not None:

@@ -148,6 +148,7 @@ def values() -> dict[str, Any]:
         **{"crop": "0:5,:,:", "mask": segments(), "uncut": "1", "scissors": "0,0 1,0 1,0.5", "surfaces": 0.5},
         **{"layers": [volume()], "layer": [volume()], "meshes": [tetrahedron()], "mesh": [tetrahedron()]},
         **{"annotate": "title=A", "slices": "z=4", "slice": "z=4", "slice_planes": "z=4", "slice_plane": "z=4"},
+        **{"label_fill": 0.2},
         **{"labels": segments(), "clip_meshes": True, "caps": "plain", "vectors": "magnitude", "streamlines": 10},
         **{"arrows": 10, "like": "0.1", "paper": True, "memory": "1MiB", "spacing": (1, 1, 3)},
         **{"origin": (5, 0, 0), "name": "x", "values": "labels", "array": "0", "shape": (10, 10, 10)},

@@ -151,8 +151,8 @@ def test_a_slice_is_the_window_of_the_field() -> None:
     image = sg.render(volume, sg.Transfer([(0, 0), (19, 1)], "gray", window=(0, 19)), slices="z=4.5", size=(100, 100))
     (row,) = rows_of(image.info)
     left, top, right, bottom = row["pixels"]
-    assert (right - left, bottom - top) == (98, 98)
-    x = (np.arange(98) + 0.5) * float(str(image.info["pitch"])) - 0.5
+    assert right - left == bottom - top > 80
+    x = (np.arange(right - left) + 0.5) * float(str(image.info["pitch"])) - 0.5
     light = sg.Transfer([(0, 0), (19, 1)], "gray", window=(0, 19)).color(x)
     assert np.abs(image.pixels[top + 60, left:right, :3] - light).max() < 1e-6
     assert np.abs(np.asarray(row["normal"])[2]) == 1 and image.info["unit"] == "mm"
@@ -206,7 +206,7 @@ def test_labels_over_slices_have_the_opacity_that_is_asked_for(tmp_path: Path) -
     def picture(*options: str) -> np.ndarray:
         command = ["render", str(tmp_path / "a.npy"), "--slice", "z=4", "--size", "64", "--quiet"]
         assert main([*command, *options, "-o", str(tmp_path / "a.npy.npy")]) == 0
-        return np.load(tmp_path / "a.npy.npy")[24:, :, :3]
+        return np.load(tmp_path / "a.npy.npy")[24:56, 16:48, :3]
 
     bare, full = picture(), picture("--labels", str(tmp_path / "seg.npy"))
     mixed = 0.7 * bare + 0.3 * full
@@ -225,6 +225,37 @@ def test_labels_over_slices_have_the_opacity_that_is_asked_for(tmp_path: Path) -
     np.save(tmp_path / "more.npy", (y * 8).astype(np.uint8))
     whole, faint = (picture("--layer", f"{tmp_path / 'more.npy'}:hot{end}") for end in ("", ":0.3"))
     assert np.abs(faint - (0.7 * bare + 0.3 * whole)).max() < 1e-4
+
+
+def test_labels_over_slices_are_outlined_and_filled_faintly(tmp_path: Path) -> None:
+    """At the borders of labels, also against each other, their own colour; within, a share of it over the image."""
+    image = (np.indices((3, 32, 32))[1] * 6).astype(np.uint8)
+    labels = np.zeros_like(image)
+    labels[:, 4:28, 4:16], labels[:, 4:28, 16:28] = 1, 2
+
+    def picture(fill: float | None = None) -> np.ndarray:
+        more = {} if fill is None else {"label_fill": fill}
+        image = sg.render(image_volume, labels=labels, slices="z", size=(120, 120), **more)
+        left, top, right, bottom = rows_of(image.info)[0]["pixels"]
+        return image.pixels[top:bottom, left:right, :3]
+
+    image_volume = sg.Volume(image)
+    full, faint, lines = picture(1), picture(0.25), picture(0)
+    size = len(full)
+    inside, beside = slice(size * 7 // 32, size * 12 // 32), slice(0, size * 3 // 32)
+    border = size // 2
+    assert np.abs(faint - (0.75 * lines + 0.25 * full))[inside, inside].max() < 1e-5
+    grey = np.ptp(lines, axis=-1)
+    assert grey[inside, inside].max() < 1e-5 and np.ptp(full, axis=-1)[inside, inside].min() > 0.05
+    assert np.array_equal(lines[inside, border], full[inside, border]) and grey[inside, border].min() > 0.05
+    assert np.array_equal(lines[beside], full[beside]) and np.array_equal(picture(), picture(0.4))
+    scene = SceneFile(str(tmp_path / "a.npy"), slices=("z",), label_fill=0.0)
+    (tmp_path / "scene.toml").write_text(scene.to_toml(tmp_path))
+    assert SceneFile.from_toml(tmp_path / "scene.toml").label_fill == 0
+    looks = tuple(SliceLayer(each, sg.default_transfer(each)) for each in (sg.Volume(image), sg.Volume(labels)))
+    assert layer_painter(looks, colored=True, fill=0.0) != layer_painter(looks, colored=True)
+    with pytest.raises(InputError, match="label_fill: expected an opacity from 0 to 1, got 2"):
+        picture(2)
 
 
 @pytest.mark.parametrize("count", [1, 2, 4])
@@ -266,7 +297,42 @@ def test_sheets_have_one_scale_and_all_slices(tmp_path: Path) -> None:
     covered = np.zeros((200, 300), int)
     for left, top, right, bottom in boxes:
         covered[top:bottom, left:right] += 1
-    assert covered.max() == 1 and covered.mean() > 0.4
+    assert covered.max() == 1 and covered.mean() > 0.35
+
+
+def test_letters_and_titles_lie_beside_the_slices_of_a_sheet() -> None:
+    """A slice covers the pixels of its box alone, and none of it is hidden; small ones have titles over them."""
+    volume = sg.Volume(np.full((6, 20, 20), 7, np.uint8), frame="LPS", unit="mm")
+    look = {"points": [(0, 0), (7, 1)], "colormap": "#0000ff", "window": (0, 7), "slices": ["z=1", "z=2", "x"]}
+    image = sg.render(volume, size=(400, 200), **look)
+    inside = np.zeros(image.pixels.shape[:2], bool)
+    for row in image.info["slices"]:
+        left, top, right, bottom = row["pixels"]
+        inside[top:bottom, left:right] = True
+        assert (image.pixels[top - 16 : top, left:right, 0] > 0.5).any()
+    assert (image.pixels[inside][:, :2] < 0.01).all() and (image.pixels[inside][:, 2] > 0.9).all()
+    small = sg.render(volume, size=(60, 24), **look)
+    assert (small.pixels[..., 0] > 0.5).any() and len(small.info["slices"]) == 3
+
+
+def test_measures_are_drawn_on_the_slices_that_contain_them() -> None:
+    volume = sg.Volume(np.full((6, 20, 20), 7, np.uint8), (1.0, 1.0, 2.0), unit="mm")
+    look = {"points": [(0, 0), (7, 1)], "colormap": "#0000ff", "window": (0, 7), "size": (300, 200)}
+    measures = [[(4, 9.5, 4), (16, 9.5, 4.9)], [(4, 9.5, 4), (16, 9.5, 8)]]
+    image = sg.render(volume, slices=["z=2", "z=3"], measures=measures, **look)
+    drawn = []
+    for row in image.info["slices"]:
+        left, top, right, bottom = row["pixels"]
+        middle = top + (bottom - top) / 2
+        rows, columns = np.nonzero(image.pixels[round(middle - 2) : round(middle + 2), left:right, 0] > 0.3)
+        drawn.append(len(rows))
+        if drawn[-1]:
+            assert abs(columns.min() / (right - left) - 4.5 / 20) < 0.05
+            assert abs(columns.max() / (right - left) - 16.5 / 20) < 0.05
+    assert drawn[0] > 50 and drawn[1] == 0
+    assert [note for note in image.notes if "measure" in note] == [
+        "measure 12.65 mm: on no slice, the nearest is 2 mm away"
+    ]
 
 
 def test_scene_files_keep_slices(tmp_path: Path) -> None:
@@ -283,7 +349,7 @@ BAD = {
     "--slice q=8": "expected AXIS=PLACE",
     "--slice z=1e400": "expected AXIS=PLACE",
     "--slice z=3 --depth d.npy": "--slice: expected no --depth beside it",
-    "--slice z=3 --annotate box": "--annotate: expected scale, colorbar, title beside slices, got box",
+    "--slice z=3 --annotate box": "--annotate: expected scale, colorbar, title, measures beside slices, got box",
     "--slice-plane z=3@7": "expected an opacity from 0 to 1 after @, got '7'",
     "--slice-plane z=3 --workers 1": "--slice-plane: expected none",
 }

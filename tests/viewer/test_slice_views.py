@@ -277,7 +277,8 @@ def test_slices_show_every_visible_layer_as_pictures_of_slices_do(tmp_path: Path
     assert slice_values(state, document, 7) == ("left: 0", "upp…: 1")
     # a segment over a volume, by its opacity times the layer's
     segments = SceneFile(str(tmp_path / "labels.npy"), transfer={"labels": ((2, "#0000ff", 0.5),)}, opacity=0.3)
-    document = Document.open(replace(one, transfer={**ramp, "colormap": "#ff0000"}, layers=(segments,)))
+    red = {**ramp, "colormap": "#ff0000"}
+    document = Document.open(replace(one, transfer=red, layers=(segments,), label_fill=1.0))
     state = replace(State.of(document, (300, 300)), slices=replace(state.slices, colored=True))
     share = 0.3 * 0.5 / 0.99
     expected = (srgb_from_linear(np.array([1 - share, 0.0, share])) * 255).round().tolist()
