@@ -138,6 +138,7 @@ class LookKeywords(TypedDict, total=False):
     names: str
     color_of: Mapping[str, str] | Sequence[str]
     window_of: Mapping[str, Numbers] | Sequence[str]
+    look_of: Mapping[str, str] | Sequence[str]
     points: Sequence[Numbers]
     colormap: str | Sequence[Numbers] | np.ndarray
     window: Numbers | None

@@ -21,7 +21,7 @@ from splatgl.readers.options import LoadOptions, inside
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import VECTORS, MeshFile, Vectors, is_mesh
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.transfer_choice import TransferChoice
+from splatgl.scene.transfer_choice import CHANNEL_KEYS, TransferChoice
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import LIKE, Settings
 from splatgl.transfer.presets import ALIASES, PRESETS
@@ -72,7 +72,7 @@ def add_drawing(parser: argparse.ArgumentParser, backend: str = "auto", size: st
     add_backend(parser, backend)
     add_view(parser, size)
     add_transfer(parser)
-    add_options(parser, TransferChoice, "color_of", "window_of")
+    add_options(parser, TransferChoice, *CHANNEL_KEYS)
     add_options(parser, SceneFile, "clip", "crop", "mask", "uncut", "scissors", "layers", "meshes", "slice_planes")
     add_options(parser, SceneFile, "surfaces", "measures")
     group = group_of(parser, HelpGroup.LAYERS)

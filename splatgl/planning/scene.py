@@ -42,7 +42,7 @@ from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
-from splatgl.transfer.presets import SOLID, SURFACE, default_transfer, preset, slice_colors
+from splatgl.transfer.presets import SOLID, SURFACE, default_transfer, is_preset, preset, slice_colors
 from splatgl.transfer.transfer import Transfer
 from splatgl.transfer.transfer_nodes import SUFFIXES, load_transfer
 
@@ -77,15 +77,17 @@ def channel_transfers(
     windows: Mapping[str, tuple[float, float]],
     bases: Sequence[Transfer] | None = None,
     settings: Settings | None = None,
+    looks: Mapping[str, str] | None = None,
 ) -> list[Transfer]:
     """Transfer functions of a volume's channels: unshaded ramps over a window in a colour.
 
     colors, windows: by name or number of the channel, instead of those of the file. bases: transfer function of each
     channel, whose ramps channels without a window have; None: the preset microscopy. settings: where a pixel shows one
-    value of its ray, ramps reach SOLID, else matter behind shows through. Raises InputError for an unknown channel.
+    value of its ray, ramps reach SOLID, else matter behind shows through. looks: presets, which keep their shading, or
+    colour maps, by channels. Raises InputError for an unknown channel.
     """
-    names = [channel.name for channel in volume.channels]
-    for name in (*colors, *windows):
+    names, looks = [channel.name for channel in volume.channels], looks or {}
+    for name in (*colors, *windows, *looks):
         if name not in names and name not in map(str, range(len(names))):
             raise expected("channel", f"one of {', '.join(names)}", repr(name))
     full = channel_opacity(volume, settings or Settings())
@@ -94,16 +96,19 @@ def channel_transfers(
         keys = (channel.name, str(number))
         color = next((colors[key] for key in keys if key in colors), None)
         window = next((windows[key] for key in keys if key in windows), None)
-        if window is None and bases is None:
+        look = next((looks[key] for key in keys if key in looks), "")
+        own = preset(look, channel) if is_preset(look) else bases[number] if bases is not None else None
+        if window is None and own is None:
             window = channel.hints.window
-        ramp = bases[number] if bases is not None else preset("microscopy", channel)
-        if bases is None:
+        ramp = own or preset("microscopy", channel)
+        if own is None:
             ramp = replace(ramp, points=tuple((value, opacity * full / SURFACE) for value, opacity in ramp.points))
         if window is not None:
             ramp = Transfer(((window[0], 0.0), (window[1], full)), unit=ramp.unit)
-        if channel.hints.inverted and bases is None:
+        if channel.hints.inverted and own is None:
             ramp = ramp.inverted()
-        transfers.append(replace(ramp, colormap=color or usual[number], window=None, shading=False))
+        colormap = color or (look if look and not is_preset(look) else usual[number])
+        transfers.append(replace(ramp, colormap=colormap, window=None, shading=ramp.shading and is_preset(look)))
     return transfers
 
 

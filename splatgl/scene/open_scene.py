@@ -100,7 +100,7 @@ class OpenScene:
         layers or channels, or with meshes.
         """
         file = self.file
-        of_channels = len(self.volume.channels) > 1 or file.transfer.keys() & {"color_of", "window_of"}
+        of_channels = len(self.volume.channels) > 1 or file.transfer.keys() & set(CHANNEL_KEYS)
         is_hidden = is_mesh(file.volume) or not file.visible
         has_meshes = file.meshes or file.slice_planes or file.surfaces is not None or file.vectors.has_lines
         return not (file.layers or has_meshes or of_channels or is_hidden or file.uncut)
@@ -382,7 +382,6 @@ def channel_layers(
     """The layers of a volume: one for each of its channels. planes: that clip these layers alone."""
     from splatgl.planning.scene import Layer
 
-    colors, windows = (dict(file.transfer.get(name, ())) for name in CHANNEL_KEYS)
     if len(volume.channels) < 2:
         for name in CHANNEL_KEYS:
             if file.transfer.get(name):
@@ -395,12 +394,12 @@ def channel_layers(
         raise expected("iso", "one channel", len(volume.channels), "--channel picks one")
     if volume.points is not None:
         transfers = [transfer] * len(volume.channels)
-    elif all(channel.labels for channel in volume.channels) and not (colors or windows):
+    elif all(channel.labels for channel in volume.channels) and not any(map(file.transfer.get, CHANNEL_KEYS)):
         part = replace(file, look=SeriesLook(None))
         transfers = [part.transfer_for(channel) for channel in volume.channels]
     else:
         looks = file.look.channels if file.look else ()
-        looks = looks if len(looks) == len(volume.channels) else _channel_looks(file, volume, colors, windows)
+        looks = looks if len(looks) == len(volume.channels) else _channel_looks(file, volume)
         unit = {"unit": file.transfer["unit"]} if file.transfer.get("unit") else {}
         transfers = [replace(look, **unit).weakened(file.opacity) for look in looks]
     channels = zip(volume.channels, transfers, strict=True)
@@ -408,20 +407,19 @@ def channel_layers(
     return [Layer(channel, look, 1.0, file.visible, file.threshold, planes, uncut=uncut) for channel, look in channels]
 
 
-def _channel_looks(
-    file: SceneFile, volume: Volume, colors: dict[str, str], windows: dict[str, tuple[float, float]]
-) -> tuple[Transfer, ...]:
-    """The transfer functions of channels, without the scene's opacity: the file's for each, in the colours and over the
-    windows of channels.
+def _channel_looks(file: SceneFile, volume: Volume) -> tuple[Transfer, ...]:
+    """The transfer functions of channels, without the scene's opacity: the file's for each, in the colours, over the
+    windows and with the looks of channels.
     """
     from splatgl.planning.scene import channel_transfers
 
+    colors, windows, looks = (dict(file.transfer.get(name, ())) for name in CHANNEL_KEYS)
     plain, keys, bases = replace(file, opacity=1.0, look=None), file.transfer.keys(), None
     if keys & (AMOUNT_KEYS - set(COLOR_KEYS) | {"preset"}):
         bases = [plain.transfer_for(channel) for channel in volume.channels]
     elif window := with_window(dict(file.transfer)).get("window"):
         windows = {**{str(number): window for number in range(len(volume.channels))}, **windows}
-    return tuple(channel_transfers(volume, colors, windows, bases, file.settings))
+    return tuple(channel_transfers(volume, colors, windows, bases, file.settings, looks))
 
 
 # keys that leave nothing of a look to the values
@@ -461,7 +459,7 @@ def _look_of(file: SceneFile, volume: Volume) -> SeriesLook:
     transfer, channels = file.stated_transfer(volume), tuple[Transfer, ...]()
     has_labels = volume.labels is not None or all(part.labels for part in volume.channels or (volume,))
     if volume.channels and volume.points is None and not has_labels:
-        channels = _channel_looks(file, volume, *(dict(file.transfer.get(name, ())) for name in CHANNEL_KEYS))
+        channels = _channel_looks(file, volume)
     if transfer.labels or has_labels:
         return SeriesLook(None)
     is_plain, slices = not (volume.channels or volume.color is not None or volume.points is not None), None

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from splatgl.scene.scene_file import SceneFile
     from splatgl.splat.settings import Settings
 
-# keys of a transfer function for channels: pairs of a channel and a colour, or a window
-CHANNEL_KEYS = ("color_of", "window_of")
+# keys of a transfer function for channels: pairs of a channel and a colour, a window, or a look
+CHANNEL_KEYS = ("color_of", "window_of", "look_of")
 # keys of a transfer function that labels do not have
 AMOUNT_KEYS = frozenset(
     ("points", "curve", "colormap", "colors", "window", "level_width", "scale", "gradient", "iso", "regions", "file")
@@ -92,6 +92,14 @@ def read_channel_window(text: str) -> tuple[str, tuple[float, float]]:
         raise ValueError
     low, high = ValueKind.interval().check(ValueKind.interval().read(window))
     return name, (low, high)
+
+
+def read_channel_look(text: str) -> tuple[str, str]:
+    """Returns the channel and look of CHANNEL=LOOK. Raises ValueError for other text."""
+    name, _, look = text.rpartition("=")
+    if not (name and look):
+        raise ValueError
+    return name, look
 
 
 def read_label_name(text: str) -> tuple[int, str]:
@@ -246,6 +254,12 @@ class TransferChoice:
             lambda window: ",".join(map(repr, map(float, window))),
         ),
         "values of a channel that its colours span, from clear to opaque (repeatable)",
+        repeat=True,
+    )
+    look_of: tuple[tuple[str, str], ...] = _option(
+        (),
+        _pairs_kind("a preset or a colour map", read_channel_look, "CHANNEL=LOOK", "Mapping[str, str] | Sequence[str]"),
+        "preset or colour map of a channel (repeatable)",
         repeat=True,
     )
 

@@ -17,7 +17,7 @@ from splatgl.cli.main import main
 from splatgl.data.volume import halve_volume
 from splatgl.errors import InputError
 from splatgl.options import declared, flag_name
-from splatgl.scene.api import PLAIN, scene_of
+from splatgl.scene.api import PLAIN, opened, scene_of
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.transfer.transfer import Transfer
@@ -148,7 +148,7 @@ def values() -> dict[str, Any]:
         **{"crop": "0:5,:,:", "mask": segments(), "uncut": "1", "scissors": "0,0 1,0 1,0.5", "surfaces": 0.5},
         **{"layers": [volume()], "layer": [volume()], "meshes": [tetrahedron()], "mesh": [tetrahedron()]},
         **{"annotate": "title=A", "slices": "z=4", "slice": "z=4", "slice_planes": "z=4", "slice_plane": "z=4"},
-        **{"label_fill": 0.2},
+        **{"label_fill": 0.2, "look_of": {"GFP": "surface"}},
         **{"labels": segments(), "clip_meshes": True, "caps": "plain", "vectors": "magnitude", "streamlines": 10},
         **{"arrows": 10, "like": "0.1", "paper": True, "memory": "1MiB", "spacing": (1, 1, 3)},
         **{"origin": (5, 0, 0), "name": "x", "values": "labels", "array": "0", "shape": (10, 10, 10)},
@@ -365,6 +365,7 @@ OF_SEGMENTS = {
     "names": ("--names", "lut.txt", "a segmentation, got amounts in"),
     "surfaces": ("--surfaces", "0.5", "a segmentation among the volumes, got amounts in"),
     "color_of": ("--color-of", "1=red", "several channels, got one"),
+    "look_of": ("--look-of", "1=surface", "several channels, got one"),
 }
 
 
@@ -414,6 +415,24 @@ def test_channels_take_the_looks_that_are_asked_for() -> None:
     window = sg.render(both, size=SIZE, window=(30, 60)).pixels
     assert np.array_equal(window, sg.render(both, size=SIZE, window_of={"A": (30, 60), "B": (30, 60)}).pixels)
     assert np.array_equal(window, sg.render(both, size=SIZE, level_width=(45, 30)).pixels)
+
+
+def test_channels_have_looks_of_their_own() -> None:
+    """A preset, with its shading and in the channel's colour, or a colour map; others stay, by name or number."""
+    both = channels()
+
+    def looks(**options: Any) -> list[sg.Transfer]:
+        return [layer.transfer for layer in opened(scene_of(both, None, None, None, options)).scene.layers]
+
+    plain, mixed = looks(), looks(look_of={"GFP": "surface"})
+    right = sg.preset("surface", both.channels[1])
+    assert mixed[0] == plain[0] and mixed[1].points == right.points and mixed[1].shading
+    assert mixed[1].colormap == plain[1].colormap
+    assert looks(look_of=["1=surface"], color_of={"GFP": "red"})[1] == replace(mixed[1], colormap="#ff0000")
+    assert looks(look_of={"DAPI": "viridis"})[0] == replace(plain[0], colormap="viridis")
+    for value, told in (({"GFP": "nothing"}, "colormap"), ({"CY5": "surface"}, "channel: expected one of DAPI, GFP")):
+        with pytest.raises(InputError, match=told):
+            looks(look_of=value)
 
 
 def test_depths_of_a_scene_are_those_of_its_volume() -> None:
