@@ -43,7 +43,7 @@ SURFACE_TONE = 0.6
 # extent of a surface's ramp, as a share of the distance from its cut to the two class means
 RAMP = 0.3
 # percentiles of a sparse volume's foreground: the dimmest visible value, and the brightest
-DIM, BRIGHT = 1.0, 70.0
+DIM, BRIGHT = 1.0, 99.0
 
 
 @dataclass(frozen=True)

@@ -445,3 +445,16 @@ def test_bad_sheets(
     assert main(["presets", *options]) == 2
     told = capsys.readouterr().err
     assert said in told and len(told.splitlines()) == 1
+
+
+def test_nuclei_are_not_saturated() -> None:
+    """Of bright structures on a dark ground at most 2 % of the voxels have the largest opacity."""
+    random, (z, y, x) = np.random.default_rng(3), np.indices((20, 48, 48))
+    nuclei = sum(
+        600 * gain * (np.hypot(np.hypot(y - row, x - column), 2 * (z - 10)) < 9)
+        for row, column, gain in ((12, 12, 0.7), (14, 35, 1.0), (34, 24, 1.3))
+    )
+    samples = nuclei * random.normal(1, 0.15, nuclei.shape) + random.normal(100, 8, nuclei.shape)
+    volume = sg.Volume(samples.clip(0).astype(np.uint16), unit="um")
+    end = sg.preset("microscopy", volume).points[-1][0]
+    assert 0 < (volume.samples[nuclei > 0] >= end).mean() < 0.02
