@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import html
+from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from splatgl.animation.animation import Animation, FrameFiles, Timeline
+from splatgl.animation.animation import MOVIES, Animation, FrameFiles, Timeline
 from splatgl.animation.movie import need, volumes, write_behind
 from splatgl.coercion import public
 from splatgl.data.arrays import time_points_of
@@ -37,6 +39,24 @@ Drawn = Iterator[tuple[int, bytes, list[str]]]
 Wrote = Callable[[Path], None]
 
 
+# largest movie in a notebook's file, bytes; others are read from where they are
+MOST_INLINE = 1 << 26
+
+
+class AnimationFiles(list[Path]):
+    """The files of an animation, which notebooks show as a player if they are a movie."""
+
+    def _repr_html_(self) -> str | None:
+        kind = self[0].suffix.lower().removeprefix(".") if len(self) == 1 else ""
+        if f".{kind}" not in MOVIES or not self[0].is_file():
+            return None
+        source = html.escape(self[0].as_posix())
+        if self[0].stat().st_size <= MOST_INLINE:
+            mime = f"image/{kind}" if kind == "gif" else f"video/{kind}"
+            source = f"data:{mime};base64,{b64encode(self[0].read_bytes()).decode()}"
+        return f'<img src="{source}">' if kind == "gif" else f'<video controls loop src="{source}"></video>'
+
+
 # keywords of an animation alone: its time points may be several
 TIMES = {
     "time": keyword("time", "slice | int | float | str | None", help="time points, such as slice(0, 20, 2), or one"),
@@ -57,7 +77,8 @@ def animate(
     settings: Settings | OptionGroup | Any | None = None,
     **options: Unpack[AnimateKeywords],
 ) -> list[Path]:
-    """Draws frames or a movie with the defaults of `splatgl animate`; returns the files: one movie, or the frames.
+    """Draws frames or a movie with the defaults of `splatgl animate`; returns the files: one movie, which a notebook
+    plays, or the frames.
 
     x: as of `render`, not splats, scenes or plotters; or a list: a series in time, as are the files of a pattern, the
     time points of an xarray, and those of a file, or some of them: time=slice(0, 20, 2). output: frames/{frame:04d}.png
@@ -97,7 +118,7 @@ def animate(
     scenes = [each for scene in scenes for each in ([scene] if scene.held is not None else volumes(scene, ()))]
     with within(how.memory):
         animation = Animation.of(scenes, timeline, options_given.get("time"), bits, True)
-        return write_animation(animation, str(output), by, how, fps, resume, True)[0]
+        return AnimationFiles(write_animation(animation, str(output), by, how, fps, resume, True)[0])
 
 
 def timeline_of(scene: SceneFile, given: Timeline, fps: float | None) -> tuple[Timeline, float | None]:

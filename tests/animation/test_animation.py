@@ -23,6 +23,7 @@ from PIL import Image as Pillow
 import splatgl as sg
 from splatgl.animation import movie
 from splatgl.animation.animation import Animation, FrameFiles, FrameJob, FrameView, Timeline, scale_xray
+from splatgl.animation.api import AnimationFiles
 from splatgl.animation.camera_track import RotationHull, between, keyframes, turning
 from splatgl.animation.movie import expanded, gif_times, read_ahead, volumes
 from splatgl.cli.main import main
@@ -82,7 +83,7 @@ def test_a_turn_is_the_cameras_orbit(renderer: sg.Renderer, here: Path) -> None:
         assert np.abs(pixels(f"f/{n:02d}.npy") - expected).max() < 2e-5, n
 
 
-def test_in_python_frames_are_those_of_the_command(here: Path) -> None:
+def test_in_python_frames_are_those_of_the_command(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a file, of a pattern and of volumes in memory; a movie is one file."""
     series = sorted(here.glob("t*.npy"), key=lambda path: int(path.stem[1:]))
     assert animate("t*.npy", "-o", "a/{frame}.png", "--hold", "2", "--turntable", "90", "--zoom", "1.5") == 0
@@ -98,7 +99,15 @@ def test_in_python_frames_are_those_of_the_command(here: Path) -> None:
     assert animate("t.nrrd", "-o", "s/{frame}.png", "--time", "1:4:2") == 0
     assert len(sg.animate("t.nrrd", "p/{frame}.png", time=slice(1, 4, 2), size=24)) == 2
     assert all((pixels(f"s/{n}.png") == pixels(f"p/{n}.png")).all() for n in range(2))
-    assert sg.animate("ball.npy", "b.gif", "surface", frames=3, only=(1, 2), fps=5, size=24) == [Path("b.gif")]
+    played = sg.animate("ball.npy", "b.gif", "surface", frames=3, only=(1, 2), fps=5, size=24)
+    assert played == [Path("b.gif")]
+    # a notebook plays the movie from its own file, and lists frames
+    shown = AnimationFiles(played)._repr_html_()
+    assert shown is not None and shown.startswith('<img src="data:image/gif;base64,R0lGOD')
+    assert AnimationFiles(found)._repr_html_() is None and type(played) is AnimationFiles
+    Path("a.webm").write_bytes(b"1234")
+    monkeypatch.setattr("splatgl.animation.api.MOST_INLINE", 3)
+    assert AnimationFiles([Path("a.webm")])._repr_html_() == '<video controls loop src="a.webm"></video>'
     with Pillow.open("b.gif") as movie:
         assert (getattr(movie, "n_frames", 1), movie.info["duration"]) == (2, 200)
 
