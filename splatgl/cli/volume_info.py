@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,19 +13,22 @@ import numpy as np
 
 from splatgl.cli.parser import one_line
 from splatgl.data.image import EXR, TIFF, Image, load_tiff
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Label, Volume
 from splatgl.errors import InputError, MissingOption
 from splatgl.fileio import budget, format_bytes
 from splatgl.planning.bricks import MOST_FINE, bricks_of, estimate_need, excess_need, needed_together
 from splatgl.planning.scene import channel_transfers
 from splatgl.readers.common import is_mapped
 from splatgl.splat.settings import Settings
+from splatgl.transfer.colormaps import labels_of
 from splatgl.transfer.presets import default_transfer
 
 # columns of the page, for terminals of 80 columns
 WIDTH = 78
 # most times that are listed
 MOST_TIMES = 8
+# most segments that are listed
+MOST_SEGMENTS = 40
 # bars of the histogram, which fit a screen together with the text above
 BINS = 16
 # samples per slab, so that mapped files are never read whole: bins and copies take some 30 MiB
@@ -66,6 +70,7 @@ def describe(volume: Volume) -> str:
     lines = [
         *_grid_lines(volume),
         *_channel_lines(volume),
+        *_segment_lines(volume),
         *_level_lines(levels, number),
         *_sample_lines(volume, statistics),
     ]
@@ -102,7 +107,10 @@ def as_json(source: str, volume: Volume) -> str:
         ],
         "labels": None
         if volume.labels is None
-        else [{"number": label.number, "name": label.name, "color": label.color} for label in volume.labels],
+        else [
+            {"number": label.number, "name": label.name, "color": label.color, "voxels": count}
+            for label, count in _segments(volume)
+        ],
         "points": sum(len(part.points) for part in volume.channels or (volume,) if part.points is not None),
         "notes": volume.notes,
     }
@@ -240,6 +248,31 @@ def _channel_lines(volume: Volume) -> list[str]:
             few = texts if len(texts) <= MOST_TIMES else [*texts[: MOST_TIMES - 2], "…", texts[-1]]
             lines.append(_line("", ", ".join(few) + ": --time TIME picks, too"))
     return lines
+
+
+def _segments(volume: Volume) -> list[tuple[Label, int | None]]:
+    """The segments of a volume or its channels, with the numbers of their voxels; None beyond MOST voxels."""
+    found = list[tuple[Label, int | None]]()
+    for part in volume.channels or (volume,):
+        counts, is_counted = Counter[float](), part.count <= MOST
+        for values in _slabs(part) if part.labels is not None and is_counted else ():
+            counts.update(dict(zip(*(row.tolist() for row in np.unique(values, return_counts=True)), strict=True)))
+        table = labels_of(part) if part.labels is not None and (part.labels or is_counted) else ()
+        found += [(label, counts[label.number] if is_counted else None) for label in table]
+    return found
+
+
+def _segment_lines(volume: Volume) -> list[str]:
+    """Lines with the numbers, names, colours and sizes of segments, millilitres where the unit of length is mm."""
+    voxel = abs(float(np.linalg.det(volume.world_from_index)))
+    lines, segments = [], _segments(volume)
+    for number, (label, count) in enumerate(segments[:MOST_SEGMENTS]):
+        size = "" if count is None else f"{count:,} voxels"
+        size += f", {count * voxel / 1000:.4g} mL" if count and volume.unit == "mm" else ""
+        text = "   ".join(filter(None, (" ".join(filter(None, (label.name, label.color))), size)))
+        lines.append(_line("segments" * (not number), f"{label.number}: {text}"))
+    more = len(segments) - MOST_SEGMENTS
+    return [*lines, _line("", f"and {more} more: --json lists all")] if more > 0 else lines
 
 
 def _level_lines(levels: list[Volume], measured: int) -> list[str]:

@@ -14,8 +14,8 @@ import pytest
 import splatgl as sg
 from splatgl.cli import volume_info
 from splatgl.cli.main import main
-from splatgl.cli.volume_info import WIDTH, describe, histogram, measure
-from splatgl.data.volume import Volume
+from splatgl.cli.volume_info import WIDTH, as_json, describe, histogram, measure
+from splatgl.data.volume import Label, Volume
 from splatgl.readers import load
 
 
@@ -163,3 +163,21 @@ def test_a_picture_tells_what_it_shows(suffix: str, tmp_path: Path, capsys: pyte
     said = capsys.readouterr().out
     assert "pixels         32 × 32" in said and "accuracy" in said and "transfer function" in said
     assert main(["info", str(path), "--json"]) == 0 and json.loads(capsys.readouterr().out)["size"] == [32, 32]
+
+
+def test_segments_are_listed_with_their_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of overlapping ones in channels, too; a volume without a table lists its numbers, and many are cut."""
+    samples = np.zeros((4, 5, 6), np.uint8)
+    samples[0], samples[1, 0] = 3, 7
+    first = Volume(samples, (2.0, 2.0, 5.0), unit="mm", labels=(Label(3, "Liver", "#ff0000"), Label(7, "Cyst")))
+    page = describe(first).splitlines()
+    assert (
+        "  segments   3: Liver #ff0000   30 voxels, 0.6 mL" in page
+        and "             7: Cyst   6 voxels, 0.12 mL" in page
+    )
+    both = replace(first, channels=(first, replace(first, labels=(Label(7, "Vein"),))))
+    assert "             7: Vein   6 voxels, 0.12 mL" in describe(both).splitlines()
+    assert "  segments   3: 30 voxels, 0.6 mL" in describe(replace(first, labels=())).splitlines()
+    assert [row["voxels"] for row in json.loads(as_json("a", first))["labels"]] == [30, 6]
+    monkeypatch.setattr("splatgl.cli.volume_info.MOST_SEGMENTS", 1)
+    assert "             and 1 more: --json lists all" in describe(first).splitlines()
