@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from splatgl.animation.movie import expanded
+from splatgl.annotations.canvas import Canvas
 from splatgl.cli.options import name_of, require_sources
 from splatgl.cli.output import OutputOptions
 from splatgl.cli.parser import BAD_INPUT, one_line
+from splatgl.data.image import SAVED, VECTOR, Image
 from splatgl.errors import USER_ERRORS, InputError, error_text, expected
-from splatgl.fileio import write_file
+from splatgl.fileio import budget, check_output, format_bytes, write_file
 from splatgl.scene.draw import DrawOptions, WorkerOptions, draw, progress_bar
 from splatgl.scene.open_scene import OpenScene, look_notes, print_lines, series_look
 
@@ -23,6 +28,10 @@ if TYPE_CHECKING:
     from splatgl.distributed.workers import Drawing
     from splatgl.geometry.camera import Camera
     from splatgl.scene.scene_file import SceneFile
+
+
+# of a pixel in memory
+BYTES = 16
 
 
 @dataclass(frozen=True)
@@ -83,11 +92,12 @@ def run_batch(
     jobs = [BatchJob(each, _scene(scene_of, each.source)) for each in outputs_of(sources, output)]
     if output.same:
         jobs = _with_shared_look(jobs, output.is_quiet)
-    failed = 0
+    failed, written = 0, list[Path]()
     for job, drawn in _on_workers(jobs, how, by) if by.are_used else _here(jobs, how):
         if isinstance(drawn, BatchPicture):
             try:
                 write_file(job.output.path, drawn.data)
+                written.append(job.output.path)
             except InputError as error:
                 drawn = error_text(error)
         if isinstance(drawn, str):
@@ -95,10 +105,33 @@ def run_batch(
             _tell_error(job.output, drawn)
         elif drawn.text:
             print(drawn.text, flush=True)
+    if output.sheet is not None and written:
+        write_file(Path(output.sheet), picture_sheet(sorted(written)).encoded(Path(output.sheet)))
     if not output.is_quiet or failed:
         text = f"{len(jobs) - failed} of {len(jobs)} pictures drawn" + (f", {failed} failed" if failed else "")
         print(text, file=sys.stderr if failed or output.json else sys.stdout)
     return BAD_INPUT if failed else 0
+
+
+def picture_sheet(files: Sequence[Path]) -> Image:
+    """One picture of several, in rows of about as many as there are rows, each below the name of its file."""
+    pictures = [Image.load(file).pixels for file in files]
+    canvas = Canvas.over(pictures[0], None)
+    high, wide = (max(picture.shape[axis] for picture in pictures) for axis in (0, 1))
+    line, columns = canvas.text_size("")[1], math.ceil(math.sqrt(len(files)))
+    size = (-(-len(files) // columns) * (high + line), columns * wide)
+    needed = 2 * size[0] * size[1] * BYTES
+    if needed > budget():
+        raise expected("--sheet", f"pictures of at most {format_bytes(budget())} together", format_bytes(needed))
+    sheet = np.empty((*size, 4), np.float32)
+    sheet[:] = pictures[0][0, 0]
+    text = Canvas(np.zeros_like(sheet), canvas.ink, font=canvas.em)
+    for number, (file, picture) in enumerate(zip(files, pictures, strict=True)):
+        row, column = divmod(number, columns)
+        left, top = column * wide, row * (high + line)
+        text.text(file.stem, left, top)
+        sheet[top + line : top + line + picture.shape[0], left : left + picture.shape[1]] = picture
+    return Image(text.pixels + (1 - text.pixels[..., 3:]) * sheet, {})
 
 
 def outputs_of(named: Sequence[str], output: OutputOptions) -> list[OutputOptions]:
@@ -108,6 +141,8 @@ def outputs_of(named: Sequence[str], output: OutputOptions) -> list[OutputOption
     for flag, value in {"--depth": output.depth, "--ref": output.ref}.items():
         if value is not None:
             raise expected(flag, "one source", "several", "leave it out")
+    if output.sheet is not None:
+        check_output(Path(output.sheet), SAVED)
     sources, template = expanded(named), output.output or "{name}.png"
     outputs = [replace(output, source=source, output=_output(template, source, n)) for n, source in enumerate(sources)]
     if len(sources) > 1 and "{" not in template:
@@ -121,6 +156,10 @@ def outputs_of(named: Sequence[str], output: OutputOptions) -> list[OutputOption
             raise expected("-o", "a file for each source", got, fix)
     for each in outputs:
         each.check(sources)
+        if output.sheet is not None and each.path.suffix.lower() in VECTOR:
+            raise expected("--sheet", "pictures in pixels", each.path.suffix, "name .png files with -o")
+        if output.sheet is not None and each.path.absolute() == Path(output.sheet).absolute():
+            raise expected("--sheet", "another file than -o", output.sheet)
     return outputs
 
 

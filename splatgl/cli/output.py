@@ -27,7 +27,7 @@ SHOWN = 3
 @dataclass(frozen=True)
 class OutputOptions:
     """Files of a picture of a source, and what is printed of it. ref: the picture to compare with. same: whether
-    several pictures share camera and look.
+    several pictures share camera and look. sheet: file of one picture of all.
     """
 
     source: str
@@ -39,6 +39,7 @@ class OutputOptions:
     depth_at: float | str | None = None
     ref: str | None = None
     same: bool = False
+    sheet: str | None = None
 
     @property
     def path(self) -> Path:

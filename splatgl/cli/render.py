@@ -91,6 +91,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     add_options(parser, ViewOptions, *ON_PAPER)
     about = "use one camera, of the first source, and one transfer function, of the source whose values vary most"
     output.add_argument("--same", action="store_true", help=about)
+    output.add_argument("--sheet", metavar="FILE", help="also write one picture of all, with the names of their files")
     output.add_argument("--json", action="store_true", help="print one line of JSON per picture instead of a summary")
     output.add_argument(
         "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample of a PNG (default 8)"
@@ -123,8 +124,8 @@ def run(args: argparse.Namespace) -> int:
         from splatgl.cli.batch import run_batch
 
         return run_batch(sources, scene_of, output, how, by)
-    if output.same:
-        raise expected("--same", "several sources", "one")
+    if output.same or output.sheet:
+        raise expected("--same" if output.same else "--sheet", "several sources", "one")
     file, reference = scene_of(args.source), None
     output.check(file.files)
     if output.ref:

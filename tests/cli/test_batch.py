@@ -52,6 +52,31 @@ def test_a_picture_of_each_and_errors_at_the_end(here: Path, capsys: Said) -> No
     assert np.array_equal(Image.load("one.png").pixels, Image.load("out/a3.png").pixels)
 
 
+def test_a_sheet_shows_all_patients(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said) -> None:
+    """By one command, of a pattern of folders; a sheet in vectors, of one source or over a picture is refused."""
+    monkeypatch.chdir(tmp_path)
+    ball = sg.scenes.ball(8).samples
+    for number in range(10):
+        folder = Path("patients") / f"p{number}"
+        folder.mkdir(parents=True)
+        np.save(folder / "ct.npy", (ball * (number + 1)).astype(np.float32))
+    assert drawn("patients/*/ct.npy", "-o", "out/{folder}.png", "--sheet", "all.png", "--quiet") == 0
+    sheet, names = Image.load("all.png").pixels, sorted(Path("out").iterdir())
+    line = sheet.shape[0] // 3 - 24
+    assert [path.stem for path in names] == [f"p{n}" for n in range(10)] and sheet.shape[1] == 4 * 24
+    for number, name in enumerate(names):
+        row, column = divmod(number, 4)
+        top, left = row * (24 + line) + line, column * 24
+        assert np.abs(sheet[top : top + 24, left : left + 24] - Image.load(name).pixels).max() < 0.01
+        assert np.ptp(sheet[top - line : top, left : left + 20, 0]) > 0.5
+    for options, told in (
+        (["patients/*/ct.npy", "-o", "{folder}.svg", "--sheet", "a.png"], "--sheet: expected pictures in pixels"),
+        (["patients/p1/ct.npy", "--sheet", "a.png"], "--sheet: expected several sources, got one"),
+        (["patients/*/ct.npy", "-o", "{folder}.png", "--sheet", "p3.png"], "--sheet: expected another file than -o"),
+    ):
+        assert drawn(*options) == 2 and told in capsys.readouterr().err
+
+
 def test_same_tells_of_a_window_that_is_given_once(here: Path, capsys: Said) -> None:
     """The default window of a CT could be level and width, too, but nobody gave it."""
     ct = np.where(np.indices((12, 12, 12))[0] > 6, 300, -1000).astype(np.int16)
