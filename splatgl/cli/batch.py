@@ -17,7 +17,8 @@ from splatgl.annotations.canvas import Canvas
 from splatgl.cli.options import name_of, require_sources
 from splatgl.cli.output import OutputOptions
 from splatgl.cli.parser import BAD_INPUT, one_line
-from splatgl.data.image import SAVED, VECTOR, Image
+from splatgl.data.figure import VECTOR
+from splatgl.data.image import SAVED, Image
 from splatgl.errors import USER_ERRORS, InputError, error_text, expected
 from splatgl.fileio import budget, check_output, format_bytes, write_file
 from splatgl.scene.draw import DrawOptions, WorkerOptions, draw, progress_bar
