@@ -616,7 +616,7 @@ def test_command_line_keywords_and_scene_files_agree(typed: str, keywords: dict[
 
 # options of files to write, of what is checked or printed, of OpenGL and of workers
 ELSEWHERE = {"output", "quiet", "bits", "depth", "depth_at", "ref", "check", "explain", "savings", "backend", "device"}
-ELSEWHERE |= {"gpu", "workers", "scheduler", "devices", "help", "help_all", "same", "json"}
+ELSEWHERE |= {"gpu", "workers", "scheduler", "devices", "help", "help_all", "same", "sheet", "json"}
 
 
 def test_every_option_of_a_picture_is_a_keyword() -> None:
