@@ -26,7 +26,7 @@ import numpy as np
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import load_table
-from splatgl.geometry.camera import Bounded, Camera, cross_matrix
+from splatgl.geometry.camera import Bounded, Camera, cross_matrix, quaternion_of
 from splatgl.options import checked, declared, names_of
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.motion import Motion
@@ -194,21 +194,12 @@ def _joined(path: str, keys: dict[str, tuple[np.ndarray, np.ndarray]]) -> dict[s
     if not (distance > 0).all() or not (width > 0).all():
         raise expected(f"{path}: path orbit", "eyes away from look_at, and up across", "the same point or direction")
     forward, right = (targets - eyes) / distance, across / width
-    turns = [_quaternion_of(np.array(axes)) for axes in zip(right, np.cross(forward, right), forward, strict=True)]
+    turns = [quaternion_of(np.array(axes)) for axes in zip(right, np.cross(forward, right), forward, strict=True)]
     for number in range(1, len(turns)):
         # the nearer of both quaternions of a rotation
         turns[number] *= 1.0 if float(turns[number - 1] @ turns[number]) >= 0 else -1.0
     at, rest = keys["eye"][0], {name: value for name, value in keys.items() if name not in ORBIT}
     return {**rest, "look_at": (at, targets), "distance": (at, distance), "rotation": (at, np.array(turns))}
-
-
-def _quaternion_of(axes: np.ndarray) -> np.ndarray:
-    """The unit quaternion (x, y, z, w) of a rotation [3, 3].  [Bar-Itzhack 2000]"""
-    k = np.zeros((4, 4))
-    k[:3, :3] = axes + axes.T - np.trace(axes) * np.eye(3)
-    k[3, :3] = k[:3, 3] = axes[2, 1] - axes[1, 2], axes[0, 2] - axes[2, 0], axes[1, 0] - axes[0, 1]
-    k[3, 3] = np.trace(axes)
-    return np.asarray(np.linalg.eigh(k)[1][:, -1])
 
 
 def _axes_of(quaternion: np.ndarray) -> np.ndarray:

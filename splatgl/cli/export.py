@@ -65,14 +65,13 @@ def add_export_parser(parser: argparse.ArgumentParser) -> None:
 def run_export(args: argparse.Namespace) -> int:
     """Writes the file, or nothing."""
     options, path = record_of(args, ExportOptions), Path(args.output)
-    kind = options.check(path, args.source)
-    scene = OpenScene.read(replace(scene_from(args), annotate=()), args.quiet)
+    options.check(path, args.source)
+    scene = OpenScene.read(scene_from(args), args.quiet)
     # names without their folders
     words = [Path(word).name if os.path.exists(word) else word for word in sys.argv[1:]]
     how = replace(record_of(args, DrawOptions), check=0)
-    write_scene(
-        scene, path, kind, options, how, shlex.join(["splatgl", *words]), (lambda line: None) if args.quiet else print
-    )
+    tell = (lambda line: None) if args.quiet else print
+    write_scene(scene, path, options, how, shlex.join(["splatgl", *words]), tell)
     return 0
 
 

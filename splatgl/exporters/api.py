@@ -11,10 +11,10 @@ import numpy as np
 
 from splatgl.coercion import public
 from splatgl.errors import expected
-from splatgl.fileio import check_output, check_source, format_bytes, parse_bytes, within, write_file
+from splatgl.fileio import check_output, check_source, format_bytes, within, write_file
 from splatgl.options import HelpGroup, OptionGroup, ValueKind, check_options, keywords_of, names_of, option
 from splatgl.scene.api import opened, scene_of, ungrouped, with_groups
-from splatgl.scene.draw import DrawOptions, SubjectView
+from splatgl.scene.draw import DrawOptions, SubjectView, bytes_kind
 from splatgl.scene.open_scene import OpenScene
 
 if TYPE_CHECKING:
@@ -49,14 +49,7 @@ class ExportOptions:
     bits: int = option(8, ValueKind.one_of(8, 16), "bits of values in a page (default 8)", group=HelpGroup.EXPORT)
     max_size: int = option(
         MOST_BYTES,
-        ValueKind(
-            "a number of bytes",
-            lambda value: parse_bytes(value) if isinstance(value, str) else ValueKind.whole(1).check(value),
-            parse_bytes,
-            "SIZE",
-            written="a number of bytes, such as 10MB",
-            hint="int | str",
-        ),
+        bytes_kind(1, "10MB"),
         "maximum size of a page, such as 3MB (default 10MB)",
         group=HelpGroup.EXPORT,
     )
@@ -66,14 +59,11 @@ class ExportOptions:
 
     def check(self, path: Path, *sources: str | None) -> str:
         """The format of a file. Raises InputError, before any work, for a file that cannot be written."""
-        endings = [ending for names in FORMATS.values() for ending in names]
-        if self.format is None:
-            check_output(path, tuple(endings))
-        else:
-            check_output(path, (path.suffix.lower(),))
-        check_source(path, *sources)
         suffix = path.suffix.lower()
-        return self.format or next(name for name, names in FORMATS.items() if suffix in names)
+        known = {ending: name for name, endings in FORMATS.items() for ending in endings}
+        check_output(path, (suffix,) if self.format else tuple(known))
+        check_source(path, *sources)
+        return self.format or known[suffix]
 
 
 @with_groups(keywords_of(ExportOptions))
@@ -101,40 +91,36 @@ def export(
     """
     given, (look, view, base) = ungrouped(options, transfer, camera, settings)
     own = ExportOptions(**{name: given.pop(name) for name in names_of(ExportOptions) if name in given})
-    target = Path(path)
-    source = str(x) if isinstance(x, str | Path) else None
-    kind = own.check(target, source)
-    shown = ", ".join(f"{name}={value!r}" for name, value in options.items() if isinstance(value, str | int | float))
-    words = [repr(Path(source).name) if source else "…", repr(target.name), *([shown] if shown else [])]
-    how = DrawOptions(is_shared=True, memory=given.get("memory"))
-    with within(how.memory):
+    target, source = Path(path), str(x) if isinstance(x, str | Path) else None
+    own.check(target, source)
+    shown = [f"{name}={value!r}" for name, value in options.items() if isinstance(value, str | int | float)]
+    command = ", ".join([repr(Path(source).name) if source else "…", repr(target.name), *shown])
+    with within(given.get("memory")):
         scene = opened(scene_of(x, look, view, base, given))
-        write(scene, target, kind, own, how, f"sg.export({', '.join(words)})", lambda line: None)
+        how = DrawOptions(is_shared=True, memory=given.get("memory"))
+        write(scene, target, own, how, f"sg.export({command})", lambda line: None)
     return target
 
 
 def write(
     scene: OpenScene | SubjectView,
     path: Path,
-    kind: str,
     options: ExportOptions,
     how: DrawOptions,
     command: str,
     tell: Callable[[str], None],
 ) -> None:
-    """Writes a scene in a format. command: that a page names. tell: is called with lines on the file, before it is
-    written.
-    """
+    """Writes a scene. command: that a page names. tell: is called with lines on the file, before it is written."""
+    kind = options.check(path)
     if kind == "glb":
         write_surfaces(scene, path, tell)
     elif kind == "html":
-        from splatgl.exporters.page import make_page
+        from splatgl.exporters.page import WebPage
 
-        page = make_page(scene, how, options.splats, options.bits, command)
-        tell(page.summary(path))
-        for note in page.notes:
-            tell(f"{path}: {note}")
+        page = WebPage.of(scene, how, options.splats, options.bits, command)
         data = page.html.encode()
+        for line in (page.summary(path), *(f"{path}: {note}" for note in page.notes)):
+            tell(line)
         if len(data) > options.max_size:
             this = f"a page of at most {format_bytes(options.max_size)}"
             raise expected(path, this, format_bytes(len(data)), "lower --splats, or raise --max-size")
@@ -149,24 +135,21 @@ def write_gaussians(
     """Writes the splats of a scene as 3-D Gaussians, lit as in its view."""
     from splatgl.exporters.layers import quantize
     from splatgl.exporters.page import page_settings
-    from splatgl.gl.quantized import quantized_plan
+    from splatgl.planning.plan import plan
     from splatgl.splat.lighting import surface_light
     from splatgl.writers.gaussians import Gaussians
 
-    notes = list[str]()
-    settings = page_settings(scene.settings)
+    notes, settings, camera = list[str](), page_settings(scene.settings), scene.camera
     splats = quantize(scene, settings, options.splats, options.bits, notes)
-    planned, camera = quantized_plan(splats, scene.camera, settings), scene.camera
-    world = splats.positions @ splats.grid.world_from_index.T + splats.grid.origin
-    along = world - camera.eye if camera.perspective else np.broadcast_to(camera.forward, world.shape)
-    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-30)
-    model, light = planned.program.appearance.light, np.ones(len(splats))
+    planned = plan(splats.outline, camera, settings)
+    light, model = np.ones(len(splats)), planned.program.appearance.light
     if planned.program.appearance.shading:
+        along = splats.world - camera.eye if camera.perspective else np.broadcast_to(camera.forward, (len(splats), 3))
+        along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-30)
         light = surface_light(splats.normals, along, model, model.within(camera))[0]
     found = Gaussians.of(splats, planned.kernel, light)
-    joined = f" of {splats.found:,} voxels" if splats.found > len(splats) else ""
     shape = f"their footprints are within {found.rmse:.1%} of the peak (RMSE) of those of kernel {planned.kernel.name}"
-    for line in (f"{path}: {len(splats):,} 3-D Gaussians{joined}, lit as in the first view; {shape}", *notes):
+    for line in (f"{path}: {splats.counted(' 3-D Gaussians')}, lit as in the first view; {shape}", *notes):
         tell(line)
     write_file(path, found.ply() if kind == "ply" else found.spz())
 
@@ -177,10 +160,8 @@ def write_surfaces(scene: OpenScene | SubjectView, path: Path, tell: Callable[[s
     from splatgl.writers.surface import iso_mesh, save_meshes
 
     subject = scene.scene if isinstance(scene, OpenScene) else scene.subject
-    if not isinstance(subject, Scene):
-        raise expected(path, "a scene with iso-surfaces, meshes or streamlines", "splats")
     meshes = list(subject.surfaces(scene.settings))
-    for layer in subject.shown:
+    for layer in subject.shown if isinstance(subject, Scene) else ():
         for surface in layer.faded.iso:
             color = surface.color or layer.faded.color(surface.value).tolist()
             mesh, name = iso_mesh(layer.volume, surface.value), f"{layer.volume.name} {surface.value:g}".strip()

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected
 from splatgl.geometry.grid import Grid
-from splatgl.geometry.resample import sample_places
+from splatgl.geometry.resample import Raster, sample_raster
 from splatgl.planning.resolve import select_splats
 from splatgl.planning.scene import Layer, Scene
 from splatgl.scene.draw import SubjectView
@@ -23,6 +23,8 @@ MOST_VOXELS = 2**27
 # headroom for shares of a layer whose splats have colours of their own
 HEADROOM = 8.0
 
+LayerSplats = tuple[Splats, Layer | None]
+
 
 def quantize(
     scene: OpenScene | SubjectView, settings: Settings, most: int, bits: int, notes: list[str]
@@ -30,27 +32,26 @@ def quantize(
     """The splats of a scene, classified before reconstruction, at most `most`; bits: of values. Adds notes. Raises
     InputError for iso-surfaces and for a scene without visible voxels.
     """
-    layers = _layers(scene, settings, notes)
-    layers = [(splats, layer) for splats, layer in layers if len(splats)]
+    layers = [layer for layer in _layers(scene, settings, notes) if len(layer[0])]
     if not layers:
-        raise expected("page", "visible voxels or points", "none")
-    voxels = [splats for splats, _ in layers if not is_points(splats.records.dtype)] or [splats for splats, _ in layers]
-    base = max(voxels, key=lambda splats: float(np.ptp(splats.index_bounds, axis=0).prod()))
-    grid, others = base.grid, list[tuple[Splats, Layer | None]]()
-    for splats, layer in layers:
-        if not is_points(splats.records.dtype) and layer is not None and not _is_aligned(splats.grid, grid):
+        raise expected("scene", "visible voxels or points", "none", "change --points, --threshold or the cuts")
+    base = max((splats for splats, _ in layers), key=_rank)
+    for number, (splats, layer) in enumerate(layers):
+        if layer is not None and not is_points(splats.records.dtype) and not _is_aligned(splats.grid, base.grid):
             notes.append(f"layer {splats.name} is resampled to the grid of {base.name}")
-            others.append(_resampled(layer, grid, settings))
-        else:
-            others.append((splats, layer))
-    low = np.min([_in_cells(splats, grid).min(axis=0) for splats, _ in others if len(splats)], axis=0)
-    low = np.floor(low)
-    matters = [_matter(splats, layer, grid, low) for splats, layer in others]
-    moved = Grid(grid.world_from_index, grid.world_from_index @ low + grid.origin)
-    return QuantizedSplats.of(matters, moved, most, bits)
+            layers[number] = _resampled(layer, base.grid, settings)
+    layers = [layer for layer in layers if len(layer[0])]
+    low = np.floor(np.min([_in_cells(splats, base.grid).min(axis=0) for splats, _ in layers], axis=0))
+    moved = replace(base.grid, origin=base.grid.world_from_index @ low + base.grid.origin)
+    return QuantizedSplats.of([_matter(*layer, base.grid, low) for layer in layers], moved, most, bits)
 
 
-def _layers(scene: OpenScene | SubjectView, settings: Settings, notes: list[str]) -> list[tuple[Splats, Layer | None]]:
+def _rank(splats: Splats) -> tuple[bool, float]:
+    """The layer of the most cells has the grid of all; points have it without voxels."""
+    return not is_points(splats.records.dtype), float(np.ptp(splats.index_bounds, axis=0).prod())
+
+
+def _layers(scene: OpenScene | SubjectView, settings: Settings, notes: list[str]) -> list[LayerSplats]:
     """The splats of the layers, without clipped ones."""
     if isinstance(scene, OpenScene):
         levels = (scene.volume, *scene.volume.coarser)
@@ -58,17 +59,14 @@ def _layers(scene: OpenScene | SubjectView, settings: Settings, notes: list[str]
         if level is not scene.volume:
             notes.append(f"voxels of the level of {'×'.join(map(str, level.shape[::-1]))}")
             scene = replace(scene, volume=level)
-        subject: Splats | Scene = scene.scene
-    else:
-        subject = scene.subject
+    subject = scene.scene if isinstance(scene, OpenScene) else scene.subject
     if isinstance(subject, Splats):
         return [(select_splats(subject, settings, False), None)]
     if subject.meshes:
         notes.append("meshes and slices are not in the page")
-    pairs = zip(subject.splats(settings), subject.planes, subject.shown, strict=True)
     return [
         (select_splats(splats, replace(settings, clip=(*settings.clip, *planes)), False), layer)
-        for splats, planes, layer in pairs
+        for splats, planes, layer in zip(subject.splats(settings), subject.planes, subject.shown, strict=True)
     ]
 
 
@@ -81,32 +79,29 @@ def _is_aligned(one: Grid, two: Grid) -> bool:
 
 def _in_cells(splats: Splats, grid: Grid) -> np.ndarray:
     """Positions [N, 3] in cells of a grid."""
-    if splats.grid is grid:
-        return splats.positions.astype(np.float64)
+    if _is_aligned(splats.grid, grid):
+        return np.asarray(splats.positions + np.rint(grid.index_from_world(splats.grid.origin)))
     return grid.index_from_world(splats.positions @ splats.grid.world_from_index.T + splats.grid.origin)
 
 
 def _resampled(layer: Layer, grid: Grid, settings: Settings) -> tuple[Splats, Layer]:
     """A layer in voxels of a grid."""
-    volume = layer.volume
+    volume, own, spacing = layer.volume, Grid.of(layer.volume), np.linalg.norm(grid.world_from_index, axis=0)
     corners = grid.index_from_world(volume.corners)
     low, high = np.floor(corners.min(axis=0)).astype(int), np.ceil(corners.max(axis=0)).astype(int)
-    shape = (high - low + 1)[::-1]
-    if np.prod(shape.astype(float)) > MOST_VOXELS:
-        raise expected(
-            f"layer {volume.name}", f"at most {MOST_VOXELS:,} voxels of the finest layer", f"{np.prod(shape):,}"
-        )
-    samples = np.full(shape, np.nan, np.float32)
-    y, x = np.mgrid[0 : shape[1], 0 : shape[2]]
-    for z in range(shape[0]):
-        places = np.stack([x.ravel(), y.ravel(), np.full(x.size, z)], axis=1) + low
-        world = places @ grid.world_from_index.T + grid.origin
-        own = Grid.of(volume).index_from_world(world)
-        values, known = sample_places(volume, own, nearest=bool(layer.seen.labels))
-        samples[z].reshape(-1)[known] = values[known]
-    spacing = np.linalg.norm(grid.world_from_index, axis=0)
-    origin = grid.world_from_index @ low + grid.origin
-    part = Volume(samples, tuple(spacing), tuple(origin), grid.world_from_index / spacing, name=volume.name)
+    width, height, depth = (int(count) for count in high - low + 1)
+    if width * height * depth > MOST_VOXELS:
+        this, got = f"at most {MOST_VOXELS:,} voxels of the finest layer", f"{width * height * depth:,}"
+        raise expected(f"layer {volume.name}", this, got)
+    samples = np.full((depth, height, width), np.nan, np.float32)
+    turn = np.linalg.solve(own.world_from_index, grid.world_from_index)
+    for z in range(depth):
+        start = own.index_from_world(grid.world_from_index @ (low + np.array([0, 0, z])) + grid.origin)
+        raster = Raster(start, turn[:, 0], turn[:, 1], (width, height))
+        values, known = sample_raster(volume, raster, nearest=bool(layer.seen.labels))
+        samples[z][known] = values[known]
+    origin = triple(grid.world_from_index @ low + grid.origin, "origin")
+    part = Volume(samples, triple(spacing, "spacing"), origin, grid.world_from_index / spacing, name=volume.name)
     seen = Layer(part, layer.seen.on(volume), threshold=layer.threshold)
     return Scene([seen]).splats(settings)[0], seen
 
@@ -114,45 +109,38 @@ def _resampled(layer: Layer, grid: Grid, settings: Settings) -> tuple[Splats, La
 def _matter(splats: Splats, layer: Layer | None, grid: Grid, low: np.ndarray) -> Matter:
     """The matter of a layer's splats, in cells of a grid from `low` on."""
     described, values = _described(splats, layer)
-    if _is_aligned(splats.grid, grid):
-        return Matter.of(described, splats, np.rint(grid.index_from_world(splats.grid.origin)) - low, values)
-    # points of another size
+    matter = Matter.of(described, splats, _in_cells(splats, grid) - low, values)
+    # of points of another size
     ratio = splats.grid.mean_spacing / grid.mean_spacing
     size = int(np.clip(np.rint(np.log2(ratio)), 0, 7))
-    matter = Matter.of(described, splats, np.zeros(3), values)
-    places, depth = _in_cells(splats, grid) - low, matter.depth * ratio**2 / 4.0**size
-    table = described.table * np.array([1, 1, 1, ratio**2 / 4.0**size])
-    sizes = np.full(len(splats), size, np.uint8)
-    return replace(matter, layer=replace(described, table=table), position=places, depth=depth, size=sizes)
+    factor = ratio**2 / 4.0**size
+    described = replace(described, table=described.table * np.array([1, 1, 1, factor]))
+    return replace(matter, layer=described, depth=matter.depth * factor, size=matter.size + np.uint8(size))
 
 
 def _described(splats: Splats, layer: Layer | None) -> tuple[QuantizedLayer, np.ndarray | None]:
     """The table of a layer, and the values [N] of its splats; None if they have colours of their own."""
-    transfer, volume = (None, None) if layer is None else (layer.seen, layer.volume)
-    depths = splats.depths.astype(np.float64)
-    plain = transfer is not None and volume is not None and volume.points is None and volume.color is None
     if (
-        transfer is None
-        or volume is None
-        or not plain
-        or transfer.labels
-        or transfer.regions
+        layer is None
         or is_points(splats.records.dtype)
+        or layer.volume.points is not None
+        or layer.volume.color is not None
+        or layer.seen.labels
+        or layer.seen.regions
     ):
         table = np.zeros((CLASSES, 4))
-        table[:, 3] = max(float(depths.max(initial=0.0)), 1e-30) / HEADROOM
+        table[:, 3] = max(float(splats.depths.max()), 1e-30) / HEADROOM
         return QuantizedLayer(splats.name, table, own=True), None
+    transfer, samples = layer.seen, np.asarray(layer.volume.samples)
     x, y, z = splats.records["position"].T
-    values = np.asarray(volume.samples)[z, y, x].astype(np.float64)
-    low, high = float(values.min()), float(values.max())
-    if np.asarray(volume.samples).dtype.kind in "ui" and high - low < CLASSES:
+    values = samples[z, y, x].astype(np.float64)
+    low, highest = float(values.min()), float(values.max())
+    high = highest if highest > low else low + max(abs(low), 1.0) * 1e-3
+    if samples.dtype.kind in "ui" and highest - low < CLASSES:
         # entries are whole values
         high = low + CLASSES - 1
-    high = high if high > low else low + max(abs(low), 1.0) * 1e-3
     at = np.linspace(low, high, CLASSES)
     depth = transfer.extinction(transfer.largest_opacity(at), splats.unit / splats.grid.mean_spacing)
     table = np.concatenate([transfer.color(at), depth[:, None]], axis=1)
-    span = transfer.color_range
-    return QuantizedLayer(
-        splats.name, table, low, high, span=(max(span[0], low), min(span[1], float(values.max())))
-    ), values
+    span = max(transfer.color_range[0], low), min(transfer.color_range[1], highest)
+    return QuantizedLayer(splats.name, table, low, high, span=span), values

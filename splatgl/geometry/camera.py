@@ -349,6 +349,15 @@ def _orbit_axes(azimuth: float, elevation: float, up: Vector) -> tuple[np.ndarra
     return turn @ back, turn @ top
 
 
+def quaternion_of(axes: np.ndarray) -> np.ndarray:
+    """The unit quaternion (x, y, z, w) of a rotation [3, 3].  [Bar-Itzhack 2000]"""
+    k = np.zeros((4, 4))
+    k[:3, :3] = axes + axes.T - np.trace(axes) * np.eye(3)
+    k[3, :3] = k[:3, 3] = axes[2, 1] - axes[1, 2], axes[0, 2] - axes[2, 0], axes[1, 0] - axes[0, 1]
+    k[3, 3] = np.trace(axes)
+    return np.asarray(np.linalg.eigh(k)[1][:, -1])
+
+
 def cross_matrix(v: Sequence[float] | np.ndarray) -> np.ndarray:
     """[3, 3]: the matrix whose product with a vector is the cross product v × vector."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

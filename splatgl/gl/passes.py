@@ -128,7 +128,7 @@ class Passes:
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         window = union([plan.window for _, plan in layers])
         if not window.is_empty:
-            self._layers_by(plan).composite(target, LayerBatch(visible, self._bind, scratch, portions))
+            self._layers_by(plan).composite(target, LayerBatch(visible, self.bind, scratch, portions))
         return self._read(target, replace(plan, window=window), portions)
 
     def draw_surfaces(
@@ -146,16 +146,16 @@ class Passes:
         visible = [(visible_boxes(clip_behind_eye(splats, camera), plan.resolved), plan) for splats, plan in layers]
         visible = [layer for layer in visible if len(layer[0]) and not layer[1].window.is_empty]
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
-        self._bind(first, plan)
+        self.bind(first, plan)
         self.single.kept = None
         for limits, light in self.surfaces.peeled(meshes, camera, unit, lit, plan.program.appearance.light.plain):
             part.clear()
             if len(visible) > 1:
-                together = LayerBatch(visible, self._bind, scratch, portions, limits)
+                together = LayerBatch(visible, self.bind, scratch, portions, limits)
                 self._layers_by(plan).composite(part, together)
             elif visible:
                 self._draw_splats(part, *visible[0], portions, limits=limits)
-            self._bind(first, plan)
+            self.bind(first, plan)
             self.surfaces.composite(target, part, light)
         return self._read(target, replace(plan, window=PixelWindow(0, 0, *plan.view.size)), portions)
 
@@ -172,7 +172,7 @@ class Passes:
         target = self.targets.get("draw", plan.view.size, plan.target)
         target.texture.write(np.ascontiguousarray(samples, np.float32), (0, 0, *target.size))
         if plan.program.appearance.shows_value:
-            self._bind(whole, plan)
+            self.bind(whole, plan)
             if self._computes(plan):
                 self.sheets.show(target, whole, plan)
             else:
@@ -197,7 +197,7 @@ class Passes:
         batches: SplatBatches | None = None,
         limits: DepthLimits | None = None,
     ) -> None:
-        self._bind(splats, plan)
+        self.bind(splats, plan)
         if batches is not None:
             drawing = self.sheets if self._computes(plan) else self.sheet_quads
             drawing.draw_batches(target, splats, plan, batches, portions)
@@ -209,7 +209,7 @@ class Passes:
         technique = f"{kind}{plan.program.technique}"
         self.techniques[technique].draw(target, splats, plan, order, portions, limits)
 
-    def _bind(self, splats: Splats, plan: Plan) -> None:
+    def bind(self, splats: Splats, plan: Plan) -> None:
         """Uploads and binds the uniform blocks, tables and fields of a picture."""
         device = self.device
         device.frame.write(frame_block(splats, plan).tobytes())

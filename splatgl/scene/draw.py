@@ -49,6 +49,18 @@ _speed = partial(option, group=HelpGroup.SPEED)
 _workers = partial(option, group=HelpGroup.WORKERS)
 
 
+def bytes_kind(least: int, such_as: str) -> ValueKind:
+    """A number of bytes, or a size in text."""
+    return ValueKind(
+        "a number of bytes",
+        lambda value: parse_bytes(value) if isinstance(value, str) else ValueKind.whole(least).check(value),
+        parse_bytes,
+        "SIZE",
+        written=f"a number of bytes, such as {such_as}",
+        hint="int | str",
+    )
+
+
 @dataclass(frozen=True)
 class DrawOptions:
     """Drawing options of one process. is_shared: use the shared renderer. held: one that stays open. early: the
@@ -61,14 +73,7 @@ class DrawOptions:
     early: Future[Renderer | None] | None = None
     memory: int | None = _speed(
         None,
-        ValueKind(
-            "a number of bytes",
-            lambda value: parse_bytes(value) if isinstance(value, str) else ValueKind.whole(0).check(value),
-            parse_bytes,
-            "SIZE",
-            written="a number of bytes, such as 4GiB or 500MB",
-            hint="int | str",
-        ),
+        bytes_kind(0, "4GiB or 500MB"),
         "draw volumes that need more memory in bricks, such as 4GiB (default: half of the free memory)",
     )
     check: int | float | None = _accuracy(

@@ -8,28 +8,21 @@ from __future__ import annotations
 import gzip
 import struct
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from splatgl.data.color import srgb_from_linear
-from splatgl.fileio import write_file
+from splatgl.geometry.camera import quaternion_of
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.quantized import QuantizedSplats
 
-SAVED = (".ply", ".spz")
 # zeroth spherical harmonic
 HARMONIC = 0.28209479177387814
 # largest opacity, whose logarithm of odds is finite
 MOST_OPACITY = 1 - 1 / 4096
-PLY = np.dtype(
-    [
-        (name, "<f4")
-        for name in (
-            *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
-            *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
-        )
-    ]
+NAMES = (
+    *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
+    *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
 )
 # SPZ: its magic number and version, bits of a position, and most fractional ones
 MAGIC, VERSION, POSITION_BITS, FRACTION_BITS = 0x5053474E, 2, 24, 16
@@ -58,27 +51,25 @@ class Gaussians:
         axes, widths, _ = np.linalg.svd(splats.grid.world_from_index)
         if np.linalg.det(axes) < 0:
             axes[:, 2] *= -1
-        position = splats.positions @ splats.grid.world_from_index.T + splats.grid.origin
+        turn = np.roll(quaternion_of(axes), 1)
+        turn *= 1 if turn[0] >= 0 else -1
         peak = float(kernel.footprint(np.zeros(())))
         opacity = -np.expm1(-depth * splats.sizes * peak)
         scale = widths * width * splats.sizes[:, None]
         lit = srgb_from_linear(np.clip(color * light[:, None], 0, 1))
-        return cls(position, np.minimum(opacity, MOST_OPACITY), lit, scale, quaternion(axes), rmse)
+        return cls(splats.world, np.minimum(opacity, MOST_OPACITY), lit, scale, turn, rmse)
 
-    def save(self, path: Path) -> None:
-        """Writes a .ply or .spz file. Raises InputError if it cannot be written."""
-        write_file(path, self.ply() if path.suffix.lower() == ".ply" else self.spz())
+    @property
+    def harmonic(self) -> np.ndarray:
+        """The colours as spherical harmonics of degree 0 [N, 3]."""
+        return (self.color - 0.5) / HARMONIC
 
     def ply(self) -> bytes:
         """A binary PLY in the layout of 3-D Gaussian splatting."""
-        rows = np.zeros(len(self.position), PLY)
-        for axis, name in enumerate("xyz"):
-            rows[name], rows[f"f_dc_{axis}"] = self.position[:, axis], (self.color[:, axis] - 0.5) / HARMONIC
-            rows[f"scale_{axis}"] = np.log(self.scale[:, axis])
-        rows["opacity"] = np.log(self.opacity / (1 - self.opacity))
-        for axis in range(4):
-            rows[f"rot_{axis}"] = self.rotation[axis]
-        names = "".join(f"property float {name}\n" for name in PLY.names or ())
+        normals, turn = np.zeros_like(self.position), np.broadcast_to(self.rotation, (len(self.position), 4))
+        odds = np.log(self.opacity / (1 - self.opacity))[:, None]
+        columns = (self.position, normals, self.harmonic, odds, np.log(self.scale), turn)
+        rows, names = np.hstack(columns).astype("<f4"), "".join(f"property float {name}\n" for name in NAMES)
         head = f"ply\nformat binary_little_endian 1.0\ncomment splatgl\nelement vertex {len(rows)}\n{names}end_header\n"
         return head.encode() + rows.tobytes()
 
@@ -88,14 +79,12 @@ class Gaussians:
         bits = int(np.clip(np.floor(POSITION_BITS - 1 - np.log2(reach * 1.001)), 0, FRACTION_BITS))
         fixed = np.rint(self.position * 2**bits).astype("<i4")
         places = fixed.view(np.uint8).reshape(-1, 3, 4)[..., :3]
-        harmonic = (self.color - 0.5) / HARMONIC
-        turn = self.rotation * (1 if self.rotation[0] >= 0 else -1)
         parts = (
             places,
             _byte(self.opacity * 255),
-            _byte(harmonic * (COLOR_SCALE * 255) + 0.5 * 255),
+            _byte(self.harmonic * (COLOR_SCALE * 255) + 0.5 * 255),
             _byte((np.log(self.scale) + LOG_ZERO) * LOG_STEPS),
-            np.broadcast_to(_byte(turn[1:] * 127.5 + 127.5), (len(self.position), 3)),
+            np.broadcast_to(_byte(self.rotation[1:] * 127.5 + 127.5), (len(self.position), 3)),
         )
         head = struct.pack("<IIIBBBB", MAGIC, VERSION, len(self.position), 0, bits, 0, 0)
         return gzip.compress(head + b"".join(np.ascontiguousarray(part).tobytes() for part in parts), mtime=0)
@@ -115,18 +104,3 @@ def gaussian_width(kernel: Kernel) -> tuple[float, float]:
     apart = (np.exp(-0.5 * (d / widths) ** 2) - shape) ** 2 @ d / d.sum()
     best = int(apart.argmin())
     return float(widths[best, 0]), float(np.sqrt(apart[best]))
-
-
-def quaternion(turn: np.ndarray) -> np.ndarray:
-    """Unit quaternion w, x, y, z [4] of a rotation [3, 3]."""
-    # the eigenvector of the largest eigenvalue of the symmetric matrix of the rotation
-    (a, b, c), (d, e, f), (g, h, i) = turn
-    matrix = np.array(
-        [
-            [a + e + i, h - f, c - g, d - b],
-            [h - f, a - e - i, b + d, c + g],
-            [c - g, b + d, e - a - i, f + h],
-            [d - b, c + g, f + h, i - a - e],
-        ]
-    )
-    return np.asarray(np.linalg.eigh(matrix)[1][:, -1])

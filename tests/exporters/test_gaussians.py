@@ -14,7 +14,7 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.splat.kernels import kernel
-from splatgl.writers.gaussians import gaussian_width, quaternion
+from splatgl.writers.gaussians import gaussian_width
 
 LOOK: dict[str, Any] = {
     "points": [(20, 0.0), (120, 0.5), (200, 0.9)],
@@ -118,12 +118,6 @@ def test_a_gaussian_is_nearest_to_a_gaussian_kernel() -> None:
     """exp(−2r²), but for its end at 2 voxels."""
     width, rmse = gaussian_width(kernel("gaussian"))
     assert width == pytest.approx(0.5, abs=0.002) and rmse < 1e-3
-
-
-def test_quaternions() -> None:
-    assert np.allclose(np.abs(quaternion(np.eye(3))), [1, 0, 0, 0])
-    half = np.diag([-1.0, -1.0, 1.0])
-    assert np.allclose(np.abs(quaternion(half)), [0, 0, 0, 1])
 
 
 def test_the_command_tells_the_kernel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,9 +19,10 @@ from PIL import Image as Pillow
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.exporters.layers import quantize
-from splatgl.exporters.page import camera_json, make_page, over, page_settings
+from splatgl.exporters.page import WebPage, camera_json, over, page_settings
 from splatgl.gl.features import FRAME, frame_block
-from splatgl.gl.quantized import draw_quantized, quantized_plan
+from splatgl.gl.quantized import draw_quantized
+from splatgl.planning.plan import plan
 from splatgl.scene.api import opened, scene_of
 from splatgl.scene.draw import DrawOptions
 from splatgl.splat.kernels import kernel
@@ -59,7 +60,7 @@ def page_of(name: str, most: int = 600, **more: object) -> tuple[str, QuantizedS
     volume, options = SCENES[name]
     options = {"size": SIZE, **options, **more}
     scene = opened(scene_of(volume, None, None, None, options))
-    page = make_page(scene, DrawOptions(is_shared=True), most, 8, "splatgl export blobs")
+    page = WebPage.of(scene, DrawOptions(is_shared=True), most, 8, "splatgl export blobs")
     return page.html, page.splats
 
 
@@ -73,7 +74,7 @@ def test_pages_agree_with_float64(name: str, renderer: sg.Renderer) -> None:
     page = PageSplats(html)
     assert len(page.position) == len(splats) <= 600 < splats.found or splats.found <= 600
     for camera in (scene.camera, replace(scene.camera, eye=scene.camera.eye + 0.7)):
-        found = draw_quantized(renderer, splats, camera, settings)
+        found = draw_quantized(renderer, splats, plan(splats.outline, camera, settings))
         right = draw(page, camera_json(camera), KERNEL)
         assert right[..., 3].max() > 0.3
         assert np.abs(found - right).max() < (MOST_FAR if name == "far" else MOST)
@@ -121,19 +122,19 @@ def unpacked(data: bytes, about: Sequence[Sequence[int]], count: int) -> np.ndar
 def test_the_stated_error_is_that_of_the_splats(renderer: sg.Renderer) -> None:
     volume, options = SCENES["cubes"]
     scene = opened(scene_of(volume, None, None, None, {"size": SIZE, **options}))
-    page = make_page(scene, DrawOptions(is_shared=True), 10_000, 8, "")
+    page = WebPage.of(scene, DrawOptions(is_shared=True), 10_000, 8, "")
     right = draw(PageSplats(page.html), camera_json(scene.camera), KERNEL)
     ground = np.array(scene.settings.ground or (0, 0, 0))
     levels = 255 * (over(right, ground) - over(page.image.pixels, ground))
     assert page.rmse == pytest.approx(np.sqrt(np.mean(levels**2)), abs=0.25)
     # fewer splats, a larger error
-    assert make_page(scene, DrawOptions(is_shared=True), 100, 8, "").rmse > page.rmse > 0
+    assert WebPage.of(scene, DrawOptions(is_shared=True), 100, 8, "").rmse > page.rmse > 0
 
 
 def test_packed_splats_are_read_back() -> None:
     _, splats = page_of("cubes")
     data, about = splats.packed()
-    assert np.array_equal(unpacked(data, about, len(splats)), splats.words)
+    assert np.array_equal(unpacked(data, about, len(splats)), splats.records.view("<u4").reshape(-1, 4))
     # a shaded splat takes few bytes
     assert len(data) < 8 * len(splats)
 
@@ -185,15 +186,15 @@ def test_layers_share_a_page(tmp_path: Path, renderer: sg.Renderer) -> None:
     notes = list[str]()
     splats = quantize(view, page_settings(view.settings), 10**5, 8, notes)
     assert [layer.name for layer in splats.layers] == ["blobs", "coarse"] and "resampled" in notes[0]
-    assert set(np.unique(splats.words[:, 2] >> 27)) == {0, 1}
+    assert set(np.unique(splats.records["kind"] >> 3)) == {0, 1}
     # opacities refer to the spacing of the layer itself, twice the page's
-    depth = splats.classified()[1][splats.words[:, 2] >> 27 == 1].max()
+    depth = splats.classified()[1][splats.records["kind"] >> 3 == 1].max()
     most = sg.Transfer([(30, 0), (150, 0.5)]).opacity(np.array([np.nanmax(two.samples)]))[0]
     assert depth == pytest.approx(-np.log1p(-most) / 2, rel=0.1)
     target = sg.export(scene, tmp_path / "two.html", size=(SIZE, SIZE))
     page = PageSplats(target.read_text("utf-8"))
     right = draw(page, camera_json(view.camera), KERNEL)
-    found = draw_quantized(renderer, splats, view.camera, page_settings(view.settings))
+    found = draw_quantized(renderer, splats, plan(splats.outline, view.camera, page_settings(view.settings)))
     assert np.abs(found - right).max() < MOST
 
 
@@ -299,7 +300,7 @@ def test_a_page_in_a_browser(tmp_path: Path) -> None:
         pytest.skip("Chromium is not here")
     volume, options = SCENES["cubes"]
     scene = opened(scene_of(volume, None, None, None, {"size": SIZE, **options}))
-    page = make_page(scene, DrawOptions(is_shared=True), 600, 8, "")
+    page = WebPage.of(scene, DrawOptions(is_shared=True), 600, 8, "")
     script = """
     const shot = () => Array.from(view.painter.pixels(view.camera, [SIZE, SIZE], true, (each) => each.extent));
     const size = [SIZE, SIZE], block = (name, count) => {
@@ -334,7 +335,7 @@ def test_a_page_in_a_browser(tmp_path: Path) -> None:
     ground = np.array(scene.settings.ground or (0, 0, 0))
     levels = 255 * (over(first, ground) - over(page.image.pixels, ground))
     assert np.sqrt(np.mean(levels**2)) == pytest.approx(page.rmse, abs=0.2)
-    planned = quantized_plan(page.splats, scene.camera, page_settings(scene.settings))
+    planned = plan(page.splats.outline, scene.camera, page_settings(scene.settings))
     block = frame_block(planned.splats, planned)
     for name, values in found["frame"].items():
         assert np.allclose(np.ravel(block[name]), values, rtol=1e-5, atol=1e-6), name
