@@ -132,6 +132,14 @@ GALLERY = (
 )
 
 
+# pages that turn, which the site's build exports, by file: arguments of `splatgl`, without the output
+LIVE = {
+    "nerve.html": f"export nerve --size {SIDE}",
+    "terrain.html": f"export terrain --splats 150000 --size {SIDE}",
+    "tunnel.html": f"export tunnel --splats 700000 --size {SIDE}",
+}
+
+
 def main(names: list[str]) -> int:
     """Draws the pictures, all or those named, and writes the page; returns 0, or 1 if a command failed."""
     unknown = [name for name in names if name not in [picture.name for picture in GALLERY]]
@@ -176,7 +184,22 @@ def page() -> str:
     """The page: a section for each picture, then the sources of the volumes."""
     rows = [f"| `{name}` | {about} |" for name, about in SOURCES.items()]
     sources = "\n".join(["## Reference: sources", "", "| volume | source and licence |", "|---|---|", *rows])
-    return "\n\n".join([INTRODUCTION, *(picture.section for picture in GALLERY), sources]) + "\n"
+    return "\n\n".join([INTRODUCTION, *(picture.section for picture in GALLERY), live(), sources]) + "\n"
+
+
+def live() -> str:
+    """Section of the pages that turn; the site shows them where it says so."""
+    lines = "\n".join(f"splatgl {command} -o {name}" for name, command in LIVE.items())
+    about = "The site of this guide holds these [web pages](web-pages.md); its build exports them."
+    return f"## Pages that turn\n\n{about}\n\n<!-- pages -->\n\n```sh\n{lines}\n```"
+
+
+def export_pages(folder: Path) -> None:
+    """Writes the pages that turn into a folder. Raises CalledProcessError if a command fails."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, command in LIVE.items():
+        words = [sys.executable, "-m", "splatgl", *shlex.split(command), "-o", name, "--quiet"]
+        subprocess.run(words, cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import gallery
 from paper.tables import Table
 
 from splatgl.annotations.annotate import ANNOTATIONS
@@ -45,6 +46,9 @@ STYLE = """
   .md-typeset .language-sh pre > code { white-space: pre-line; }
 }
 """
+# a page that turns, in the site's folder live
+STYLE_OF_FRAME = "width: 100%; height: 40rem; border: 0"
+FRAME = f'<iframe title="{{0}}" src="live/{{0}}" loading="lazy" style="{STYLE_OF_FRAME}" allowfullscreen></iframe>'
 # browsers start no workers for pages of a folder: there the search runs in a frame
 WORKER = """
 if (location.protocol === "file:") window.Worker = class extends EventTarget {
@@ -173,6 +177,7 @@ def example(match: re.Match[str]) -> str:
 def site_page(text: str) -> str:
     """Markdown of a page for the site: generated tables and linked programs in place, tables in <details> rendered."""
     text = EXAMPLE.sub(example, re.sub(r"<!-- table: (\w+) -->", lambda match: TABLES[match[1]](), text))
+    text = text.replace("<!-- pages -->", "\n\n".join(FRAME.format(name) for name in gallery.LIVE))
     return text.replace("<details>", '<details markdown="1">')
 
 
@@ -190,7 +195,10 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_post_build(config: Any) -> None:
-    """Removes a quarter of the site, which no browser loads: maps of sources, and the search of other languages."""
+    """Adds the pages that turn, and removes what no browser loads: maps of sources, and the search of other
+    languages.
+    """
+    gallery.export_pages(Path(config["site_dir"]) / "live")
     scripts = Path(config["site_dir"]) / "assets" / "javascripts"
     shutil.rmtree(scripts / "lunr")
     for path in Path(config["site_dir"]).rglob("*.map"):

@@ -1,4 +1,4 @@
-"""Cells for a notebook (`# %%` as VS Code and Jupytext read them): load, look, change, save."""
+"""Cells for a notebook (`# %%` as VS Code and Jupytext read them): load, look, change, keep, save."""
 
 # %%
 import numpy as np
@@ -15,6 +15,10 @@ view
 # %% other opacities and colours
 image = sg.render(array, points=[(0.2, 0), (0.8, 0.2)], colormap="viridis", size=(320, 240), background="white")
 image
+
+# %% a page that turns without a kernel, which a saved notebook keeps
+page = sg.export(array, spacing=(1, 1, 1.5), azimuth=60, size=(320, 240), splats=50_000)
+page
 
 # %% samples as shown for other libraries, linear light for sums, and a file
 samples, light = image.srgb, image.pixels

@@ -70,7 +70,7 @@ def run_export(args: argparse.Namespace) -> int:
     # names without their folders
     words = [Path(word).name if os.path.exists(word) else word for word in sys.argv[1:]]
     how = replace(record_of(args, DrawOptions), check=0)
-    tell = (lambda line: None) if args.quiet else print
+    tell = (lambda line: None) if args.quiet else lambda line: print(f"{path}: {line}")
     write_scene(scene, path, options, how, shlex.join(["splatgl", *words]), tell)
     return 0
 

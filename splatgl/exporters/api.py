@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack, overload
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from splatgl.scene.draw import DrawOptions, SubjectView, bytes_kind
 from splatgl.scene.open_scene import OpenScene
 
 if TYPE_CHECKING:
+    from splatgl.exporters.page import WebPage
     from splatgl.geometry.camera import Camera
     from splatgl.keywords import ExportKeywords
     from splatgl.splat.settings import Settings
@@ -66,18 +67,31 @@ class ExportOptions:
         return self.format or known[suffix]
 
 
+@overload
+def export(
+    x: Any, path: str | Path, transfer: Any = None, camera: Any = None, settings: Any = None, **options: Any
+) -> Path: ...
+
+
+@overload
+def export(
+    x: Any, path: None = None, transfer: Any = None, camera: Any = None, settings: Any = None, **options: Any
+) -> WebPage: ...
+
+
 @with_groups(keywords_of(ExportOptions))
 @public
 def export(
     x: Any,
-    path: str | Path,
+    path: str | Path | None = None,
     transfer: Transfer | OptionGroup | str | Mapping[str, Any] | None = None,
     camera: Camera | OptionGroup | Any | None = None,
     settings: Settings | OptionGroup | Any | None = None,
     **options: Unpack[ExportKeywords],
-) -> Path:
+) -> Path | WebPage:
     """Writes `x` as a page that turns in any browser (.html), as 3-D Gaussians (.ply, .spz), or its iso-surfaces,
-    meshes and streamlines as glTF (.glb); returns the path.
+    meshes and streamlines as glTF (.glb); returns the path. Without a path it returns the page, which a notebook shows
+    and keeps.
 
     x, transfer, camera, settings: as of `render`. options: those of `render`, and format (html, ply, spz or glb; by
     default by the ending), splats (at most, 400,000 by default: more voxels are joined to larger splats), bits (8 or
@@ -87,19 +101,43 @@ def export(
 
     ```python
     sg.export("head.nii.gz", "head.html", azimuth=60)
+    sg.export("head.nii.gz", splats=100_000)  # in a notebook
     ```
     """
     given, (look, view, base) = ungrouped(options, transfer, camera, settings)
     own = ExportOptions(**{name: given.pop(name) for name in names_of(ExportOptions) if name in given})
-    target, source = Path(path), str(x) if isinstance(x, str | Path) else None
-    own.check(target, source)
+    target, source = None if path is None else Path(path), str(x) if isinstance(x, str | Path) else None
+    if target is not None:
+        own.check(target, source)
+    elif own.format not in (None, "html"):
+        raise expected("path", "a file to write", "none", "without one there are pages alone")
     shown = [f"{name}={value!r}" for name, value in options.items() if isinstance(value, str | int | float)]
-    command = ", ".join([repr(Path(source).name) if source else "…", repr(target.name), *shown])
+    words = [repr(Path(source).name) if source else "…", *([repr(target.name)] if target else []), *shown]
     with within(given.get("memory")):
-        scene = opened(scene_of(x, look, view, base, given))
-        how = DrawOptions(is_shared=True, memory=given.get("memory"))
-        write(scene, target, own, how, f"sg.export({command})", lambda line: None)
+        scene, how = (
+            opened(scene_of(x, look, view, base, given)),
+            DrawOptions(is_shared=True, memory=given.get("memory")),
+        )
+        command = f"sg.export({', '.join(words)})"
+        if target is None:
+            return make_page(scene, own, how, command, lambda line: None)
+        write(scene, target, own, how, command, lambda line: None)
     return target
+
+
+def make_page(
+    scene: OpenScene | SubjectView, options: ExportOptions, how: DrawOptions, command: str, tell: Callable[[str], None]
+) -> WebPage:
+    """The page of a scene, as of `write`. Raises InputError for a larger one than options allow."""
+    from splatgl.exporters.page import WebPage
+
+    page = WebPage.of(scene, how, options.splats, options.bits, command)
+    for line in (page.summary, *page.notes):
+        tell(line)
+    if (size := len(page.html.encode())) > options.max_size:
+        this = f"a page of at most {format_bytes(options.max_size)}"
+        raise expected("max_size", this, format_bytes(size), "lower --splats, or raise --max-size")
+    return page
 
 
 def write(
@@ -110,21 +148,12 @@ def write(
     command: str,
     tell: Callable[[str], None],
 ) -> None:
-    """Writes a scene. command: that a page names. tell: is called with lines on the file, before it is written."""
+    """Writes a scene. command: that a page names. tell: is called with lines on it, before it is written."""
     kind = options.check(path)
     if kind == "glb":
         write_surfaces(scene, path, tell)
     elif kind == "html":
-        from splatgl.exporters.page import WebPage
-
-        page = WebPage.of(scene, how, options.splats, options.bits, command)
-        data = page.html.encode()
-        for line in (page.summary(path), *(f"{path}: {note}" for note in page.notes)):
-            tell(line)
-        if len(data) > options.max_size:
-            this = f"a page of at most {format_bytes(options.max_size)}"
-            raise expected(path, this, format_bytes(len(data)), "lower --splats, or raise --max-size")
-        write_file(path, data)
+        write_file(path, make_page(scene, options, how, command, tell).html.encode())
     else:
         write_gaussians(scene, path, kind, options, tell)
 
@@ -149,7 +178,7 @@ def write_gaussians(
         light = surface_light(splats.normals, along, model, model.within(camera))[0]
     found = Gaussians.of(splats, planned.kernel, light)
     shape = f"their footprints are within {found.rmse:.1%} of the peak (RMSE) of those of kernel {planned.kernel.name}"
-    for line in (f"{path}: {splats.counted(' 3-D Gaussians')}, lit as in the first view; {shape}", *notes):
+    for line in (f"{splats.counted(' 3-D Gaussians')}, lit as in the first view; {shape}", *notes):
         tell(line)
     write_file(path, found.ply() if kind == "ply" else found.spz())
 
@@ -170,4 +199,4 @@ def write_surfaces(scene: OpenScene | SubjectView, path: Path, tell: Callable[[s
         fix = "--iso VALUE, --surfaces, --mesh or --streamlines adds some"
         raise expected(path, "iso-surfaces, meshes or streamlines", "none", fix)
     save_meshes(meshes, path)
-    tell(f"{path}: {len(meshes)} surface{'s' * (len(meshes) != 1)}, {sum(map(len, meshes)):,} triangles")
+    tell(f"{len(meshes)} surface{'s' * (len(meshes) != 1)}, {sum(map(len, meshes)):,} triangles")

@@ -102,10 +102,19 @@ class WebPage:
         one, two = (over(each, ground) for each in (self.image.pixels, self.pixels))
         return 255 * float(np.sqrt(np.mean((one - two) ** 2)))
 
-    def summary(self, path: Path) -> str:
+    @property
+    def summary(self) -> str:
         """A line on size and error."""
         size, count = format_bytes(len(self.html.encode())), self.splats.counted(" splats")
-        return f"{path}: {size}, {count}, RMSE {self.rmse:.1f} levels of 255 from the default picture"
+        return f"{size}, {count}, RMSE {self.rmse:.1f} levels of 255 from the default picture"
+
+    def __repr__(self) -> str:
+        return f"<WebPage: {self.summary}>"
+
+    def _repr_html_(self) -> str:
+        """The page in a frame, which notebooks show, and keep when they are saved."""
+        style, about = "width: 100%; height: 45rem; border: 0", escape(repr(self))
+        return f'<iframe title="{about}" srcdoc="{escape(self.html)}" style="{style}" allowfullscreen></iframe>'
 
     @cached_property
     def source(self) -> str:

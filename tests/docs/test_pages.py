@@ -48,7 +48,7 @@ PAGES = [TOP, ROOT / ".github" / "CONTRIBUTING.md", ROOT / ".github" / "SECURITY
 IDS = [path.relative_to(ROOT).as_posix() for path in PAGES]
 MOST_LINES = 120
 # of the site: pictures are half of it
-MOST_SITE_BYTES = 10_000_000
+MOST_SITE_BYTES, MOST_LIVE_BYTES = 10_000_000, 3_000_000
 # of the guide without the changelog, and of a page: tables of reference may be longer
 MOST_WORDS, MOST_PAGE_WORDS = 24_000, 2_000
 TABLES = {"changelog", "formats", "speed"}
@@ -648,6 +648,8 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", "scripts/mkdocs.yml", "-d", str(tmp_path)]
     built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert built.returncode == 0, built.stderr
+    live = {path.name: path.stat().st_size for path in (tmp_path / "live").iterdir()}
+    assert live.keys() == gallery.LIVE.keys() and max(live.values()) < MOST_LIVE_BYTES
     page = (tmp_path / "api.html").read_text()
     assert "splatgl.Renderer" in page and "<li><code>transfer</code>: a Transfer" in page
     for path in tmp_path.glob("*.html"):

@@ -9,6 +9,7 @@ import re
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -261,6 +262,16 @@ def test_the_command_tells_size_and_error(tmp_path: Path, capsys: pytest.Capture
     assert "splatgl" in html and str(tmp_path) not in html
 
 
+def test_a_notebook_keeps_a_page() -> None:
+    """Without a path, in a frame; nothing is written."""
+    page = sg.export(blobs(), size=SIZE, splats=300, **LOOK)
+    (frame,) = re.findall(r'srcdoc="([^"]*)"', page._repr_html_())
+    assert unescape(frame) == page.html and "sg.export(…, size=40, splats=300" in page.html
+    assert repr(page).startswith("<WebPage: ") and "of 753 voxels, RMSE" in repr(page)
+    with pytest.raises(sg.InputError, match="path: expected a file to write, got none"):
+        sg.export(blobs(), format="ply")
+
+
 CAMERAS = """
 const found = [];
 for (const [camera, antialias] of CAMERAS) {
@@ -346,6 +357,21 @@ def test_a_page_in_a_browser(tmp_path: Path) -> None:
     assert mass["near"] > 1.3 * mass["first"] > mass["first"] > mass["cut"] > 0 and mass["faint"] < 0.8 * mass["first"]
     assert 0 < mass["moved"] < 0.9 * mass["first"] and found["turned"] != found["first"]
     assert {"x", "y", "z", "blobs"} <= set(found["texts"])
+
+
+@pytest.mark.long
+def test_a_notebook_s_page_turns(tmp_path: Path) -> None:
+    """In the frame of a cell's output."""
+    if BROWSER is None:
+        pytest.skip("Chromium is not here")
+    page = sg.export(blobs(), size=SIZE, splats=300, **LOOK)
+    wait = "document.querySelector('iframe').onload = ({ target }) => done(target.contentWindow.splatgl)"
+    script = f"globalThis.splatgl = new Promise((done) => {{ {wait}; }})"
+    html = f"<!doctype html><html><body>{page._repr_html_()}<script>{script}</script></html>"
+    turns = (
+        "view.paint(); const home = view.isHome; view.press('ArrowLeft'); return [home, view.isHome, !!view.painter];"
+    )
+    assert in_browser(html, turns, tmp_path) == [True, False, True]
 
 
 @pytest.mark.long
