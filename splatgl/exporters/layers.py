@@ -62,6 +62,8 @@ def _layers(scene: OpenScene | SubjectView, settings: Settings, notes: list[str]
     subject = scene.scene if isinstance(scene, OpenScene) else scene.subject
     if isinstance(subject, Splats):
         return [(select_splats(subject, settings, False), None)]
+    if any(layer.seen.iso for layer in subject.shown):
+        raise expected("iso", "no iso-surfaces among splats", "some", "write them as .glb")
     if subject.meshes:
         notes.append("meshes and slices are not in the page")
     return [

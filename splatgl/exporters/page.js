@@ -348,7 +348,7 @@ function overlay(svg, scene, camera, target, size, extent, tables, ink) {
     text(middle[0] + 1.35 * x, middle[1] + 1.35 * y + 0.35 * em, scene.letters[axis]);
   });
   let left = width - 1.8 * em;
-  scene.bars.forEach((bar) => {
+  scene.bars.forEach((bar, number) => {
     const table = tables[bar.layer], rows = 64, tall = 0.42 * height, top = (height - tall) / 2 - em;
     const stops = Array.from({ length: rows }, (_, n) => {
       const value = bar.high - ((n + 0.5) / rows) * (bar.high - bar.low);
@@ -364,7 +364,7 @@ function overlay(svg, scene, camera, target, size, extent, tables, ink) {
       line(left - 4, y, left, y);
       text(left - 6, y + 0.35 * em, String(value), "end");
     });
-    text(left + em, top - 0.6 * em, bar.title, "end");
+    text(left + em, top - (0.6 + 1.2 * number) * em, bar.title, "end");
     left -= 5 * em;
   });
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
@@ -460,7 +460,7 @@ class View {
     const [width, height] = this.cssSize, ratio = Math.min(devicePixelRatio, Math.sqrt(MOST_PIXELS / (width * height)));
     const moving = performance.now() - this.touched < QUIET, coarse = moving ? this.coarse : 1;
     const size = [width, height].map((side) => Math.max(1, Math.round((side * ratio) / coarse)));
-    const extent = this.extentOf(this.camera, [width, height]), background = this.background;
+    const background = this.background;
     if (this.painter) {
       if (this.canvas.width !== size[0] || this.canvas.height !== size[1])
         [this.canvas.width, this.canvas.height] = size;
@@ -472,12 +472,18 @@ class View {
       if (moving && 1000 * this.seconds > SLOW) this.coarse = Math.min(2 * this.coarse, 4);
       this.stage.classList.add("live");
     }
-    const luminance = dot(background, [0.21, 0.72, 0.07]), ink = luminance < 0.2 ? "#fff" : "#000";
-    const tables = this.painter?.shown ?? this.scene.layers.map((x) => new Float32Array(bytesOf(x.table).buffer));
-    overlay(this.svg, this.scene, this.camera, this.target, [width, height], extent, tables, ink);
+    this.annotate();
     this.stage.style.background = cssColor(background);
     clearTimeout(this.rest);
     if (moving && coarse > 1) this.rest = setTimeout(() => this.redraw(), QUIET);
+  }
+
+  // Draws what lies over the picture; over the printed one that of the first view.
+  annotate() {
+    const luminance = dot(this.background, [0.21, 0.72, 0.07]), ink = luminance < 0.2 ? "#fff" : "#000";
+    const tables = this.painter?.shown ?? this.scene.layers.map((x) => new Float32Array(bytesOf(x.table).buffer));
+    const [camera, target] = this.printing ? [this.home, this.scene.target] : [this.camera, this.target];
+    overlay(this.svg, this.scene, camera, target, this.cssSize, this.extentOf(camera, this.cssSize), tables, ink);
   }
 
   // ---- input
@@ -530,8 +536,11 @@ class View {
         this.cut(at("side").value, +at("cut").value);
         at("cut").disabled = at("side").value === "";
       });
-    addEventListener("beforeprint", () => this.stage.classList.remove("live"));
-    addEventListener("afterprint", () => this.redraw());
+    for (const [name, printing] of [["beforeprint", true], ["afterprint", false]])
+      addEventListener(name, () => {
+        this.printing = printing;
+        this.annotate();
+      });
   }
 
   // Applies a key; false for others.

@@ -104,6 +104,18 @@ def test_gaussians_are_those_of_the_voxels(kind: str, tmp_path: Path) -> None:
     assert 0.4 < width < 0.8 and rmse < 0.03
 
 
+def test_plyfile_reads_gaussians(tmp_path: Path) -> None:
+    """The layout of 3-D Gaussian splatting, by a library that others read it with."""
+    plyfile = pytest.importorskip("plyfile")
+    path = sg.export(volume(), tmp_path / "ball.ply", splats=100, **LOOK)
+    (element,) = plyfile.PlyData.read(path).elements
+    names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"]
+    names += [f"{name}_{axis}" for name, count in (("scale", 3), ("rot", 4)) for axis in range(count)]
+    assert element.name == "vertex" and [each.name for each in element.properties] == names
+    found = read_ply(path)
+    assert all(np.array_equal(element[name], found[name]) for name in names) and element["rot_0"].min() >= 0
+
+
 def test_gaussians_are_points_to_load(tmp_path: Path) -> None:
     path = sg.export(volume(), tmp_path / "ball.ply", splats=100, **LOOK)
     points = sg.load(str(path)).points

@@ -223,6 +223,9 @@ def test_frames_of_pages_are_those_of_opengl() -> None:
 BAD = [
     (["blobs.txt"], "a name that ends in .html"),
     (["blobs.html", "--splats", "0"], "a whole number"),
+    (["blobs.html", "--iso", "100"], "iso: expected no iso-surfaces among splats"),
+    (["blobs.html", "--splats", "99999999"], "--splats: expected a whole number from 1 to 16777216"),
+    (["blobs.spz", "--points", "900:0,1000:1"], "scene: expected visible voxels or points, got none"),
     (["blobs.html", "--blend", "xray"], "blend of a page: expected composite, got xray"),
     (["blobs.html", "--max-size", "1kB"], "expected a page of at most"),
     (["missing/blobs.html", "--format", "obj"], "invalid choice"),
@@ -243,7 +246,7 @@ def test_bad_input_is_one_line(
         code = int(error.code or 0)
     (line,) = capsys.readouterr().err.splitlines()
     assert code == 2 and message in line
-    assert not list(tmp_path.glob("blobs.html*"))
+    assert [path.name for path in tmp_path.iterdir()] == ["blobs.nrrd"]
 
 
 def test_a_folder_is_no_page(tmp_path: Path) -> None:
@@ -324,7 +327,17 @@ def test_a_page_in_a_browser(tmp_path: Path) -> None:
     const found = { first: shot(), live: view.stage.classList.contains("live"), state };
     found.frame = Object.fromEntries(["eye_from_index", "index_from_eye", "eye_from_world", "base", "eye_from_base",
       "clip_scale", "pixel_pitch", "near", "image_center", "blur"].map((name) => [name, block(name, NUMBERS[name])]));
-    view.press("ArrowLeft"); found.turned = shot(); view.press("r");
+    view.annotate(); const home = view.svg.innerHTML;
+    view.press("ArrowLeft"); found.turned = shot();
+    dispatchEvent(new Event("beforeprint")); found.printed = view.svg.innerHTML === home;
+    dispatchEvent(new Event("afterprint")); found.back = view.svg.innerHTML !== home;
+    view.press("r");
+    view.stage.setPointerCapture = () => 0;
+    const at = (type, finger) => view.stage.dispatchEvent(new PointerEvent(type, finger));
+    const touch = (type, pointerId, clientX) => at(type, { pointerId, clientX });
+    const distance = () => Math.hypot(...view.camera.eye.map((x, n) => x - view.target[n])), far = distance();
+    touch("pointerdown", 1, 10); touch("pointerdown", 2, 30); touch("pointermove", 2, 50); touch("pointerup", 1, 10);
+    found.pinched = far / distance(); touch("pointerup", 2, 50); view.press("r");
     view.zoom(2); found.near = shot(); view.press("r");
     view.cut("0-", 0.5); found.cut = shot(); view.cut("", 0);
     view.painter.classify(0.2, 0); found.faint = shot();
@@ -357,6 +370,8 @@ def test_a_page_in_a_browser(tmp_path: Path) -> None:
     assert mass["near"] > 1.3 * mass["first"] > mass["first"] > mass["cut"] > 0 and mass["faint"] < 0.8 * mass["first"]
     assert 0 < mass["moved"] < 0.9 * mass["first"] and found["turned"] != found["first"]
     assert {"x", "y", "z", "blobs"} <= set(found["texts"])
+    # the printed picture is the first one, and has its axes
+    assert found["printed"] and found["back"] and found["pinched"] == pytest.approx(2)
 
 
 @pytest.mark.long
