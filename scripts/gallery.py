@@ -190,7 +190,7 @@ def page() -> str:
 def live() -> str:
     """Section of the pages that turn; the site shows them where it says so."""
     lines = "\n".join(f"splatgl {command} -o {name}" for name, command in LIVE.items())
-    about = "The site of this guide holds these [web pages](web-pages.md); its build exports them."
+    about = "The site's build exports these [web pages](web-pages.md)."
     return f"## Pages that turn\n\n{about}\n\n<!-- pages -->\n\n```sh\n{lines}\n```"
 
 
