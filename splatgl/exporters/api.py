@@ -69,13 +69,23 @@ class ExportOptions:
 
 @overload
 def export(
-    x: Any, path: str | Path, transfer: Any = None, camera: Any = None, settings: Any = None, **options: Any
+    x: Any,
+    path: str | Path,
+    transfer: Any = None,
+    camera: Any = None,
+    settings: Any = None,
+    **options: Unpack[ExportKeywords],
 ) -> Path: ...
 
 
 @overload
 def export(
-    x: Any, path: None = None, transfer: Any = None, camera: Any = None, settings: Any = None, **options: Any
+    x: Any,
+    path: None = None,
+    transfer: Any = None,
+    camera: Any = None,
+    settings: Any = None,
+    **options: Unpack[ExportKeywords],
 ) -> WebPage: ...
 
 

@@ -26,8 +26,8 @@ from splatgl.exporters.layers import quantize
 from splatgl.fileio import format_bytes
 from splatgl.geometry.camera import Camera
 from splatgl.gl.features import FRAME, frame_block, style_block
+from splatgl.gl.passes import QUANTIZED_SWITCHES, draw_quantized
 from splatgl.gl.program import splat_switches
-from splatgl.gl.quantized import SWITCHES, draw_quantized
 from splatgl.gl.shader import compose, declared_switches
 from splatgl.planning.plan import Plan, plan
 from splatgl.scene.draw import DrawOptions, SubjectView, draw
@@ -92,7 +92,7 @@ class WebPage:
         bare = replace(scene, file=replace(scene.file, annotate=())) if isinstance(scene, OpenScene) else scene
         image, planned = draw(bare, how), plan(splats.outline, scene.camera, settings)
         with how.renderer() as renderer:
-            pixels = draw_quantized(renderer, splats, planned)
+            pixels = draw_quantized(renderer.passes, splats, planned)
         return cls(scene, command, splats, planned, image, pixels, tuple(notes))
 
     @cached_property
@@ -128,8 +128,8 @@ class WebPage:
         """The text of the page."""
         here, (data, planes) = files("splatgl.exporters"), self.splats.packed()
         names, (width, height) = [layer.name for layer in self.splats.layers if layer.name], self.scene.camera.size
-        stated = self.scene.file.annotate if isinstance(self.scene, OpenScene) else ()
-        stated = [name.removeprefix("title=") for name in stated if name.startswith("title=")]
+        annotated = self.scene.file.annotate if isinstance(self.scene, OpenScene) else ()
+        stated = [name.removeprefix("title=") for name in annotated if name.startswith("title=")]
         title = escape(next(iter(stated), "") or self.source or ", ".join(names) or "splatgl")
         sides = [
             f'<option value="{number}{sign}">from {side} {axis}</option>'
@@ -242,7 +242,9 @@ def web_shaders(planned: Plan) -> dict[str, list[str]]:
     """Texts of vertex and fragment shaders for WebGL 2: with antialiasing, without it, and of the screen."""
     stages = ("splat.vert", "splat.frag")
     declared = frozenset[str]().union(*map(declared_switches, stages))
-    switches = {name: on for name, on in {**splat_switches(planned.program), **SWITCHES}.items() if name in declared}
+    switches = {
+        name: on for name, on in {**splat_switches(planned.program), **QUANTIZED_SWITCHES}.items() if name in declared
+    }
 
     def texts(antialias: bool) -> list[str]:
         chosen = {**switches, "ANTIALIAS": antialias}

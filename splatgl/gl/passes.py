@@ -13,14 +13,15 @@ import numpy as np
 from splatgl.data.color import light_of_display
 from splatgl.data.mesh import Mesh
 from splatgl.gl.adaptive_samples import AdaptiveSamples, SingleSamples
-from splatgl.gl.buffers import DrawOrder, free
+from splatgl.gl.buffers import DrawOrder, free, texel_texture
+from splatgl.gl.context import current
 from splatgl.gl.device import Device
 from splatgl.gl.features import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.gl.layer_quads import LayerQuads
 from splatgl.gl.layers import Drawn, LayerBatch, LayerTiles, union
 from splatgl.gl.meshes import DepthLimits, Surfaces
-from splatgl.gl.program import cover
-from splatgl.gl.quads import Quads, SheetQuads
+from splatgl.gl.program import Switches, cover, set_uniforms, use_blend
+from splatgl.gl.quads import CORNERS, Quads, SheetQuads
 from splatgl.gl.shader import ComputeShape
 from splatgl.gl.sheet_fragments import SheetFragments
 from splatgl.gl.sheet_tiles import SheetTiles, SplatBatches
@@ -29,8 +30,12 @@ from splatgl.gl.tiles import SplatTiles, Tiles
 from splatgl.planning.culling import PixelWindow, clip_behind_eye, order_for, visible_boxes
 from splatgl.planning.plan import Plan
 from splatgl.planning.resolve import END_CORRECTION
+from splatgl.splat.quantized import QUANTIZED_ROW, QuantizedSplats
 from splatgl.splat.splats import Splats
 
+# texture units of quantised splats and their tables, beside those of textures.py; switches of their shaders
+SPLATS_UNIT, CLASSES_UNIT = 24, 25
+QUANTIZED_SWITCHES: Switches = {"QUANTIZED": True, "POINTS": False}
 # names of targets: of the picture, of the matter between two surfaces, and of a layer
 ROLES = ("draw", "part", "layer")
 
@@ -237,3 +242,33 @@ class Passes:
             target.framebuffer.scissor = 0, top, target.size[0], bottom - top
             cover(program)
         return target
+
+
+def draw_quantized(passes: Passes, splats: QuantizedSplats, planned: Plan) -> np.ndarray:
+    """The picture of quantised splats as web pages draw them, by the same shaders, textures, order and half floats:
+    linear premultiplied float32 [H, W, 4], row 0 on top, without a background. planned: of their outline.
+    """
+    ctx, view = passes.ctx, planned.view
+    eye = view.eye_index if view.perspective else np.where(view.index_from_eye[:, 2] >= 0, -np.inf, np.inf)
+    numbers = np.zeros((len(splats), 4), np.uint32)
+    numbers[:, 0] = splats.back_to_front(eye, order_for(planned.splats, planned.resolved.camera).axis)
+    rows, tables = -(-len(splats) // QUANTIZED_ROW), np.stack([layer.table for layer in splats.layers])
+    # the last row is filled up by splats that are not drawn
+    words = np.resize(splats.records, rows * QUANTIZED_ROW)
+    with current(ctx):
+        program = passes.device.programs.for_splats(planned.program, QUANTIZED_SWITCHES)
+        passes.bind(planned.splats, planned)
+        splat_texture = texel_texture(ctx, (QUANTIZED_ROW, rows), 4, "u4", words.tobytes())
+        classes = texel_texture(ctx, tables.shape[1::-1], 4, "f4", tables.astype(np.float32).tobytes())
+        splat_texture.use(SPLATS_UNIT)
+        classes.use(CLASSES_UNIT)
+        set_uniforms(program, quantized_splats=SPLATS_UNIT, class_table=CLASSES_UNIT, position_step=splats.step)
+        use_blend(ctx, "over", nearest_first=False)
+        target = passes.targets.get("draw", view.size, planned.target)
+        target.clear()
+        instances = ctx.buffer(numbers.tobytes())
+        quads = ctx.vertex_array(program, [(instances, "4u4/i", "in_first")])
+        quads.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=len(splats))
+        pixels = target.read()
+        free(quads, instances, splat_texture, classes)
+    return pixels

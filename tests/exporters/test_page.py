@@ -22,7 +22,7 @@ from splatgl.cli.main import main
 from splatgl.exporters.layers import quantize
 from splatgl.exporters.page import WebPage, camera_json, over, page_settings
 from splatgl.gl.features import FRAME, frame_block
-from splatgl.gl.quantized import draw_quantized
+from splatgl.gl.passes import draw_quantized
 from splatgl.planning.plan import plan
 from splatgl.scene.api import opened, scene_of
 from splatgl.scene.draw import DrawOptions
@@ -75,7 +75,7 @@ def test_pages_agree_with_float64(name: str, renderer: sg.Renderer) -> None:
     page = PageSplats(html)
     assert len(page.position) == len(splats) <= 600 < splats.found or splats.found <= 600
     for camera in (scene.camera, replace(scene.camera, eye=scene.camera.eye + 0.7)):
-        found = draw_quantized(renderer, splats, plan(splats.outline, camera, settings))
+        found = draw_quantized(renderer.passes, splats, plan(splats.outline, camera, settings))
         right = draw(page, camera_json(camera), KERNEL)
         assert right[..., 3].max() > 0.3
         assert np.abs(found - right).max() < (MOST_FAR if name == "far" else MOST)
@@ -195,7 +195,7 @@ def test_layers_share_a_page(tmp_path: Path, renderer: sg.Renderer) -> None:
     target = sg.export(scene, tmp_path / "two.html", size=(SIZE, SIZE))
     page = PageSplats(target.read_text("utf-8"))
     right = draw(page, camera_json(view.camera), KERNEL)
-    found = draw_quantized(renderer, splats, plan(splats.outline, view.camera, page_settings(view.settings)))
+    found = draw_quantized(renderer.passes, splats, plan(splats.outline, view.camera, page_settings(view.settings)))
     assert np.abs(found - right).max() < MOST
 
 
