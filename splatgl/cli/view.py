@@ -1,8 +1,9 @@
-"""`splatgl view`: interactive window for a volume or a scene."""
+"""`splatgl view`: interactive window for a volume, a scene, or nothing yet."""
 
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from splatgl.fileio import check_folder
 from splatgl.opengl import OpenGL
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.adaptive_quality import TARGET
-from splatgl.viewer.show import open_window, start_reading
+from splatgl.viewer.show import open_window, start_empty, start_reading
 
 if TYPE_CHECKING:
     from splatgl.viewer.commands import Command
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl view`."""
-    add_source(parser)
+    add_source(parser, optional=True)
     group = parser.add_argument_group("window")
     group.add_argument("--list-bindings", action=ListBindings, help="print the keys and their actions")
     group.add_argument("--bindings", metavar="FILE.toml", help="other keys: table [bindings] of action = keys")
@@ -58,9 +59,9 @@ class ListBindings(argparse.Action):
         parser.exit()
 
 
-def _scene(args: argparse.Namespace) -> SceneFile:
+def _scene(args: argparse.Namespace, source: str) -> SceneFile:
     """The scene of a command's options; a ground is seen behind a picture that states no background."""
-    scene = scene_from(args)
+    scene = scene_from(args, source)
     return scene.with_options(background=CLEAR) if args.ground and scene.settings.background == AUTO else scene
 
 
@@ -75,19 +76,23 @@ def run(args: argparse.Namespace) -> int:
         from splatgl.viewer.input import load_bindings
 
         commands = load_bindings(args.bindings)
-    opengl, scene = record_of(args, OpenGL), _scene(args)
-    files = start_reading(scene, args.source if args.watch else "", lambda: _scene(args))
+    opengl, source, is_empty = record_of(args, OpenGL), args.source or "", args.source is None
+    scene = _scene(args, source)
+    if is_empty and scene != SceneFile(""):
+        raise expected("SOURCE", "a file for these options", "none", "splatgl view alone opens an empty window")
+    reopen = partial(_scene, args, source)
+    files = start_empty() if is_empty else start_reading(scene, source if args.watch else "", reopen)
     # imported late: bad input is reported at once
     from splatgl.viewer.viewer import Options
 
     options = Options(
-        size=scene.view.size if args.size or args.source.endswith(".toml") else None,
+        size=scene.view.size if args.size else None,
         target=args.frame_time / 1e3,
         folder=folder,
         commands=commands or Options().commands,
         ground=args.ground or Options.ground,
         panel=not args.no_panel,
-        source=args.source,
+        source=source,
         owns_process=True,
     )
     open_window(files, scene, options, opengl)

@@ -22,6 +22,7 @@ from splatgl.scene.meshes import is_mesh
 from splatgl.scene.open_scene import on_background
 from splatgl.scene.view import ALONG, along, angles
 from splatgl.splat.settings import Settings, choices
+from splatgl.transfer.label_detection import NAMES
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts, start_lasso
 from splatgl.viewer.document import Document
@@ -289,14 +290,25 @@ def with_threshold(state: State, threshold: float) -> State:
 
 
 def _ground(state: State, document: Document) -> State:
-    color, names = state.settings.ground, (*GROUNDS, *COLORS)
-    colors = {name: tuple(map(float, linear_from_srgb(np.array(rgb)))) for name, rgb in COLORS.items()}
-    known = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0), **colors}
+    color, names, known = state.settings.ground, (*GROUNDS, *COLORS), _background_colors()
     now = state.ground if color is None else next((name for name, rgb in known.items() if rgb == color), names[-1])
     name = _next(names, now)
+    return replace(with_ground(state, name), message=f"on {name}")
+
+
+def _background_colors() -> dict[str, tuple[float, ...]]:
+    """The colours of backgrounds, linear RGB, by their names."""
+    colors = {name: tuple(map(float, linear_from_srgb(np.array(rgb)))) for name, rgb in COLORS.items()}
+    return {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0), **colors}
+
+
+def with_ground(state: State, name: str) -> State:
+    """The state on another background, of GROUNDS or COLORS, which saved pictures have, too; checks stand for none.
+    Sums have none.
+    """
+    background = None if state.settings.is_sum else _background_colors().get(name)
     ground = state.ground if name in COLORS else name
-    settings = state.settings.replace(background=colors.get(name))
-    return replace(state, ground=ground, settings=settings, message=f"on {name}")
+    return replace(state, ground=ground, settings=state.settings.replace(background=background))
 
 
 def _segments(are_shown: bool) -> Run:
@@ -632,25 +644,35 @@ UNSAVED = Question(
 
 def ask_to_leave(opens: Open | OpenOption) -> Question:
     """The question before other files replace a document with unsaved edits."""
-    answers = (
-        ("save and open", LeaveDocument(opens, saves=True)),
-        ("open without saving", LeaveDocument(opens)),
-        ("cancel", None),
-    )
+    answers = (*_leaving(opens, "open"), ("cancel", None))
     return Question(UNSAVED.title, "Save the changes as a scene before another file is opened?", answers)
 
 
-def ask_for_files(paths: Sequence[str]) -> Question:
-    """The question what to do with dropped files."""
+def are_segmentations(paths: Sequence[str]) -> bool:
+    """Whether the names of files say that all are segmentations."""
+    return all(NAMES.search(Path(path).name.lower()) and not is_mesh(path) for path in paths)
+
+
+def ask_for_files(paths: Sequence[str], is_edited: bool = False) -> Question:
+    """The question what to do with dropped files. is_edited: whether opening them loses edits."""
     several, more = len(paths) > 1, len(paths) - LISTED
     is_series = sum(not is_mesh(path) for path in paths) > 1
     names = ", ".join(Path(path).name for path in paths[:LISTED]) + f" and {more} more" * (more > 0)
-    answers: tuple[tuple[str, Effect | None], ...] = (
-        ("play as series" if is_series else "open", Open(tuple(paths))),
-        ("add as layers" if several else "add as layer", Open(tuple(paths), adds=True)),
-        ("cancel", None),
-    )
+    opens, verb = Open(tuple(paths)), "play" if is_series else "open"
+    answers: tuple[tuple[str, Effect | None], ...] = ((f"{verb} as series" if is_series else verb, opens),)
+    if is_edited:
+        names += ". Edits are not saved."
+        answers = _leaving(opens, verb)
+    answers += (("add as layers" if several else "add as layer", Open(tuple(paths), adds=True)), ("cancel", None))
     return Question(f"What to do with {'these files' if several else 'this file'}?", names, answers)
+
+
+def _leaving(opens: Open | OpenOption, verb: str) -> tuple[tuple[str, Effect | None], ...]:
+    """The answers that open files although edits are not saved yet."""
+    return (
+        (f"save and {verb}", LeaveDocument(opens, saves=True)),
+        (f"{verb} without saving", LeaveDocument(opens)),
+    )
 
 
 def tell_error(message: str) -> Question:

@@ -107,6 +107,11 @@ class Document:
         document.extract(STRIDES[-1])
         return document
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether no file was named: the window waits for one."""
+        return self.is_loading and not self.scene.volume
+
     # --- layers -----------------------------------------------------------------------------------------------------
 
     @cached_property

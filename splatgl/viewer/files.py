@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.data.scenes import SCENES
-from splatgl.errors import InputError
+from splatgl.errors import USER_ERRORS, InputError
 from splatgl.fileio import write_file
 from splatgl.platforms import user_folder
 from splatgl.readers import formats
@@ -157,7 +157,7 @@ class Recent:
 
     def opened(self, path: str) -> Recent:
         """The list with a file that was opened, first; without built-in scenes and addresses, which may hold keys."""
-        if self.file is None or not path or path in SCENES or "://" in path:
+        if self.file is None or not path or path in SCENES or "://" in path or path == str(self.last):
             return self
         # another window may have added some
         absolute = os.path.abspath(path)
@@ -165,8 +165,29 @@ class Recent:
         return self._written((absolute, *others)[:MOST_RECENT])
 
     def forgotten(self) -> Recent:
-        """The empty list."""
+        """The empty list, without the last scene."""
+        if self.scene is not None:
+            with suppress(OSError):
+                self.scene.unlink()
         return self._written(())
+
+    @property
+    def last(self) -> Path | None:
+        """The file that the scene of the latest window goes to; None where nothing is remembered."""
+        return self.file and self.file.with_name("last.toml")
+
+    @property
+    def scene(self) -> Path | None:
+        """The scene of the latest window, if it is kept."""
+        return self.last if self.last is not None and self.last.exists() else None
+
+    def keep(self, scene: SceneFile) -> None:
+        """Keeps the scene of a window that is closed, but for one of addresses, which may hold keys, or of arrays."""
+        with suppress(*USER_ERRORS):
+            held = any(each.held is not None for each in (scene, *scene.layers))
+            if self.last is not None and not held and "://" not in (text := scene.to_toml()):
+                _make_private(self.last.parent)
+                write_file(self.last, text.encode())
 
     def _written(self, paths: tuple[str, ...]) -> Recent:
         if self.file is not None:
@@ -220,9 +241,13 @@ def _state_file(name: str, environment: Mapping[str, str]) -> Path | None:
 def _write(file: Path, value: Any) -> None:
     """Writes a value as JSON, if that is possible."""
     with suppress(OSError, InputError):
-        # other users must not read it
-        file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _make_private(file.parent)
         write_file(file, json.dumps(value, indent=0).encode())
+
+
+def _make_private(folder: Path) -> None:
+    """Makes a folder that other users must not read, unless it is there."""
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
 
 
 def _read_json(file: Path) -> Any:

@@ -17,10 +17,11 @@ from splatgl.planning.scene import MOST_LAYERS
 from splatgl.readers import list_volumes
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import MeshFile, Vectors, is_mesh, read_meshes, source_key
-from splatgl.scene.open_scene import look_notes, open_layer, print_lines, series_look
+from splatgl.scene.open_scene import LayerSource, look_notes, open_layer, print_lines, series_look
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import FAINTLY, faint_share
 from splatgl.splat.settings import Settings
+from splatgl.transfer.label_detection import MASK
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document, styled_layers
 from splatgl.viewer.files import Watch, watched_files
@@ -252,7 +253,7 @@ class Files:
 
         def read() -> AddedFiles:
             open_it = partial(open_layer, scene=scene, is_quiet=False, has_times=True)
-            sources = [_read_first(SceneFile(path), open_it)[0] for path in paths if not is_mesh(path)]
+            sources = [_read_layer(path, open_it) for path in paths if not is_mesh(path)]
             parts = tuple(part for source in sources for part in styled_layers(source, scene.settings))
             for layer, _ in parts:
                 layer.shell(STRIDES[-1])
@@ -330,6 +331,14 @@ class Files:
     def _read(self, kind: JobKind, name: str, work: Callable[[], Loaded | AddedFiles], key: str = "") -> None:
         self.begun = time.monotonic()
         self.jobs.submit(kind, name, work, key)
+
+
+def _read_layer(path: str, open_it: Callable[[SceneFile], LayerSource]) -> LayerSource:
+    """A file that is added as a layer. Beside other volumes, two values are a mask, and one of them a segment."""
+    source = _read_first(SceneFile(path), open_it)[0]
+    if source.volume.hints.values != MASK:
+        return source
+    return open_it(replace(source.file, transfer={"only_labels": ()}))
 
 
 def _opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> OpenedFile:

@@ -23,13 +23,14 @@ from splatgl.transfer.transfer import Transfer
 from splatgl.viewer import hud, panel_sections, transfer_editor
 from splatgl.viewer.commands import HIGHEST, Command, CopyText, Question, why_not, with_settings, with_threshold
 from splatgl.viewer.document import Document
-from splatgl.viewer.files import OPEN, SAVE, suffixes
+from splatgl.viewer.files import OPEN, SAVE, Recent, suffixes
 from splatgl.viewer.hud import DisplayedFrame
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.layers_panel import SegmentList, draw_layers
 from splatgl.viewer.panel_sections import CommandWidgets, draw_record, label_left
 from splatgl.viewer.preset_gallery import EDITED, PresetGallery, TransferShift, with_gradient
 from splatgl.viewer.saving import check_target
+from splatgl.viewer.start import draw_start
 from splatgl.viewer.state import BLURS, State
 from splatgl.viewer.trackball import PANEL
 from splatgl.viewer.transfer_editor import CurveEditor, RegionEditor
@@ -306,8 +307,7 @@ class Panel:
         self.browser, self.widgets = Browser(), CommandWidgets(commands)
         self.palette, self.questions = Palette(), Questions()
         self.gallery, self.shift = PresetGallery(), TransferShift()
-        # recent files
-        self.recent: tuple[str, ...] = ()
+        self.recent = Recent()
         self.place = (0.0, 0.0, 0.0, 0.0)
         # whether a list is open, and whether it is to close
         self.popup = self.closes = False
@@ -331,7 +331,11 @@ class Panel:
         if self.closes and imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
             imgui.internal.close_popup_to_level(0, True)
         self.closes = False
-        if state.panel:
+        if document.is_empty:
+            state = draw_start(state, document, self.widgets, self.recent, room)
+            self._end()
+            self.browser.draw(room)
+        elif state.panel:
             state = self._draw(state, document, frame, room, docked)
         elif self.has_strip:
             state = self._draw_strip(state, document, room)
@@ -365,7 +369,7 @@ class Panel:
             if state.times > 1:
                 state = _time(state, document, self.widgets)
             if imgui.collapsing_header("Files"):
-                state = panel_sections.draw_files(state, document, self.widgets, self.recent)
+                state = panel_sections.draw_files(state, document, self.widgets, self.recent.paths)
             panel_sections.draw_file_options(state, document, self.widgets)
             opened = imgui.TreeNodeFlags_.default_open
             if document.is_layered and imgui.collapsing_header("Layers", opened):

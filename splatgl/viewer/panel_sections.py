@@ -33,6 +33,7 @@ from splatgl.viewer.commands import (
     add_plane,
     name_of,
     toggle_name,
+    with_ground,
 )
 from splatgl.viewer.document import Document
 from splatgl.viewer.hud import background_of, plane_color
@@ -306,7 +307,7 @@ def _ground(state: State) -> State:
         label_left("background"), len(GROUNDS) if has_color else GROUNDS.index(state.ground), names
     )
     if changed and chosen < len(GROUNDS):
-        return replace(state, ground=GROUNDS[chosen], settings=state.settings.replace(background=None))
+        return with_ground(state, GROUNDS[chosen])
     if changed:
         return replace(state, settings=state.settings.replace(background=background_of(state)))
     if has_color:

@@ -112,6 +112,14 @@ def start_reading(scene: SceneFile, source: str = "", reopen: Reopen | None = No
     return files
 
 
+def start_empty() -> Files:
+    """What an empty window reads: nothing yet."""
+    from splatgl.viewer.jobs import Jobs
+    from splatgl.viewer.loading import Files
+
+    return Files(Jobs(lambda: None), (), None, time.monotonic())
+
+
 def open_window(files: Files, scene: SceneFile, options: Options, opengl: OpenGL) -> None:
     """Opens the window for files that are being read; returns once it is closed."""
     from splatgl.gl.backends import BackendError

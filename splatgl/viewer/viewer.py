@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -22,6 +23,7 @@ from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen, ScreenMarks
 from splatgl.gl.target import Interrupted
 from splatgl.scene.meshes import is_mesh
+from splatgl.splat.settings import Settings
 from splatgl.viewer import commands
 from splatgl.viewer.adaptive_quality import (
     LADDER,
@@ -46,6 +48,7 @@ from splatgl.viewer.commands import (
     OpenOption,
     Question,
     WindowRequest,
+    are_segmentations,
     ask_for_files,
     ask_to_leave,
     tell_error,
@@ -68,6 +71,7 @@ from splatgl.viewer.saving import (
     save_as,
     save_picture,
     save_scene,
+    scene_of,
     try_save,
 )
 from splatgl.viewer.slice_views import SliceTool, column_width
@@ -78,6 +82,15 @@ from splatgl.viewer.window import Window
 # screen units of the first window
 SIZE = (1024, 768)
 OTHER = "the picture before"
+# in an empty window, and the effects that need a file there
+NO_FILE = "no file is open: drop one, or press ctrl+o"
+NEEDS_FILE = {*Copy, *WindowRequest} - {
+    WindowRequest.CANCEL,
+    WindowRequest.QUIT,
+    WindowRequest.PALETTE,
+    WindowRequest.FOCUS,
+    WindowRequest.FORGET_RECENT,
+}
 # topics of messages, which are cleared once the topic is over
 OPENING, READING, EXTRACTING, PICTURE, COUNT = "opening", "reading", "extracting", "picture", "count"
 TOPICS = {JobKind.OPEN: OPENING, JobKind.EXTRACT: EXTRACTING}
@@ -187,7 +200,7 @@ class Viewer:
     def view(self) -> Viewport:
         """The part of the window next to the panel, for tools."""
         (width, height), scale = self.window.size, self.window.scale
-        has_panel = self.panel is not None and self.state.panel
+        has_panel = self.panel is not None and self.state.panel and not self.document.is_empty
         width -= docked_width((width, height), scale) if has_panel else 0
         return Viewport((max(width, 1), max(height, 1)), scale, self.now())
 
@@ -204,18 +217,22 @@ class Viewer:
         return max(width - column_width((width, height), self.state.slices.shown), 1), height
 
     def remember(self) -> None:
-        """Saves the window's layout for the next one."""
+        """Saves the window's layout and scene for the next one."""
         # in narrow windows, the panel is open only while it is wanted
         panel = (
             self.state.panel if fits_panel(self.window.size, self.window.scale) else WindowLayout.of(os.environ).panel
         )
         size, slices, theme = self.window.unit_size, self.state.slices.shown, self.state.theme
         WindowLayout(size, panel, slices, theme).remember(os.environ)
+        if not self.document.is_loading:
+            with suppress(*USER_ERRORS):
+                self.recent.keep(scene_of(self.state, self.document))
 
     @property
     def busy(self) -> str | None:
         """The work in other threads; None if there is none."""
-        return self.files.busy or (OPENING if self.document.is_loading else self.extractor.busy)
+        is_opening = self.document.is_loading and not self.document.is_empty
+        return self.files.busy or (OPENING if is_opening else self.extractor.busy)
 
     @property
     def pending_reason(self) -> str | None:
@@ -295,12 +312,16 @@ class Viewer:
             self.touch()
 
     def drop(self, paths: Sequence[str]) -> None:
-        """Asks what to do with dropped files; opens them where only that is possible, or nothing can ask."""
+        """Adds dropped segmentations; asks what to do with other files, or opens them where only that is possible, or
+        nothing can ask.
+        """
         is_scene = any(path.endswith(".toml") for path in paths)
         if self.panel is None or self.document.is_loading or is_scene:
             self.open(paths, self.document.is_loading)
+        elif paths and are_segmentations(paths):
+            self.perform_one(Open(tuple(paths), adds=True))
         elif paths:
-            self.ask(ask_for_files(paths))
+            self.ask(ask_for_files(paths, self.is_edited))
 
     def open(self, paths: Sequence[str], are_alone: bool = True) -> None:
         """Opens the files, and asks first if edits would be lost; the current document stays until they are loaded.
@@ -308,16 +329,20 @@ class Viewer:
         """
         replaces = are_alone or not all(map(is_mesh, paths))
         if paths and not (replaces and self.asks_to_leave(Open(tuple(paths)))):
-            self.files.open(paths, self.state.settings, are_alone)
+            self._replace(Open(tuple(paths)), are_alone)
             self.touch()
 
     def asks_to_leave(self, opens: Open | OpenOption) -> bool:
         """Whether edits would be lost, and the window asks about it; without the panel, a second request is obeyed."""
-        is_edited = not self.document.is_loading and self.history.has_unsaved_edits(self.state)
-        if not is_edited or self.state.message == LEAVING:
+        if not self.is_edited or self.state.message == LEAVING:
             return False
         self.ask(ask_to_leave(opens), LEAVING)
         return True
+
+    @property
+    def is_edited(self) -> bool:
+        """Whether edits would be lost."""
+        return not self.document.is_loading and self.history.has_unsaved_edits(self.state)
 
     def raw(self, kind: str, *values: Any) -> bool:
         """Passes an event to the panel; True if the panel consumes it. A cursor elsewhere changes nothing there."""
@@ -477,7 +502,8 @@ class Viewer:
             self.refresh()
         if self.dirty:
             self._redisplay()
-            self.window.title(f"{self.document.volume.name} - splatgl - {doing or progress_text(self.painter.frame)}")
+            words = self.document.volume.name, "splatgl", doing or progress_text(self.painter.frame)
+            self.window.title("splatgl" if self.document.is_empty and not doing else " - ".join(filter(None, words)))
 
     def _redisplay(self) -> None:
         """Displays the latest image with the panel as it is now."""
@@ -498,7 +524,7 @@ class Viewer:
         self.screen.mark(self.window.size, self._marks())
         if self.panel is not None and not self.state.help:
             before, panel = self.state, self.panel.panel
-            panel.recent, panel.widgets.recording = self.recent.paths, self.recorder.running
+            panel.recent, panel.widgets.recording = self.recent, self.recorder.running
             self.state = self.panel.frame(self.state, self.document, self.painter.frame)
             effects, panel.widgets.effects = panel.widgets.effects, []
             self.effects += effects
@@ -656,6 +682,9 @@ class Viewer:
     def perform_one(self, effect: Effect) -> None:
         """Performs one effect of a command."""
         folder = self.options.folder
+        if self.document.is_empty and effect in NEEDS_FILE:
+            self.say(NO_FILE)
+            return
         match effect:
             case WindowRequest.UNDO | WindowRequest.REDO:
                 self._step(effect is WindowRequest.UNDO)
@@ -677,6 +706,8 @@ class Viewer:
                 folder = source.parent if source.exists() else Path()
                 self._open_dialog(ADD if effect.adds else OPEN, folder, "")
             case Open(paths, adds=False):
+                self.open(paths)
+            case Open(paths) if self.document.is_empty:
                 self.open(paths)
             case Open(paths):
                 # scissors that were drawn meanwhile cut them, too
@@ -705,13 +736,17 @@ class Viewer:
             case WindowRequest.QUIT:
                 self._quit()
 
-    def _replace(self, opens: Open | OpenOption | None) -> None:
-        """Opens other files, or another part of the file, or closes the window, whatever is not saved."""
+    def _replace(self, opens: Open | OpenOption | None, are_alone: bool = True) -> None:
+        """Opens other files, or another part of the file, or closes the window, whatever is not saved. are_alone: as of
+        `open`.
+        """
         state = self.state
         if opens is None:
             self.closed = True
         elif isinstance(opens, Open):
-            self.files.open(opens.paths, state.settings, True)
+            # what stands for a file has no settings of its own
+            settings = Settings() if self.document.is_loading else state.settings
+            self.files.open(opens.paths, settings, are_alone or self.document.is_loading)
         else:
             edits: dict[str, Any] = {"settings": state.settings, "annotate": state.annotate}
             scene = replace(self.document.scene, **edits, meshes=state.mesh_files)
@@ -803,7 +838,7 @@ class Viewer:
         """Abandons what is being read; closes a window that has nothing to show."""
         opening = self.files.opening
         if self.files.cancel():
-            self.closed |= self.document.is_loading
+            self.closed |= self.document.is_loading and not self.document.is_empty
             self.state = replace(self.state, time=self.files.time)
             if opening:
                 # finer voxels waited for it
@@ -811,7 +846,7 @@ class Viewer:
 
     def _quit(self) -> None:
         """Closes the window; asks first, or waits for a second request, if edits would be lost."""
-        is_edited, is_recording = self.history.has_unsaved_edits(self.state), self.recorder.running is not None
+        is_edited, is_recording = self.is_edited, self.recorder.running is not None
         if not (is_edited or is_recording) or self.warned:
             self.closed = True
             return
@@ -869,7 +904,7 @@ class Viewer:
             self.say(message, topic)
         else:
             self.ask(tell_error(message), message, topic)
-        if self.document.is_loading:
+        if self.document.is_loading and not self.document.is_empty:
             self.failed, self.closed = error, True
         elif kind is JobKind.TIME_POINT:
             # the slider goes back to the visible time point

@@ -123,6 +123,8 @@ BAD = {
     "difference is nothing": (["compare", "a.png", "b.png", "--diff", ""], "diff: expected a name, got nothing"),
     "report is nothing": (["report", "noise.npy", "-o", ""], "output: expected a name, got nothing"),
     "report of many rounds": (["report", "noise.npy", "--rounds", "9" * 23], "--rounds: expected a number"),
+    "window of no file": (["view", "--blend", "mip"], "SOURCE: expected a file for these options, got none"),
+    "window of no name": (["view", ""], "source: expected a name, got nothing"),
     "window of no size": (["view", "noise.npy", "--size", "20x-1"], "size: expected a w"),
     "device": (["doctor", "--device", "-1"], "device: expected an EGL device number"),
     "backend": (["render", "noise.npy", "--backend", "metal"], "backend: expected auto"),

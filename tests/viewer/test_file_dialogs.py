@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import stat
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
+from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.files import MOST_RECENT, Recent, WindowLayout
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, pointed
@@ -43,6 +45,19 @@ def test_recent_files_are_kept(tmp_path: Path) -> None:
     # no built-in scenes, and no addresses, which may hold keys
     assert recent.opened("tunnel").opened("https://host/v.zarr?key=1") == recent
     assert recent.forgotten().paths == () == Recent.of(environment).paths
+
+
+def test_the_last_scene_is_kept(tmp_path: Path) -> None:
+    """For the user alone, until it is forgotten; not one of arrays or addresses, and it is no recent file."""
+    recent, scene = Recent.of({"XDG_STATE_HOME": str(tmp_path)}), SceneFile(str(tmp_path / "a.npy"))
+    for other in (replace(scene, held=blob()), replace(scene, volume="https://host/v.zarr?key=1")):
+        recent.keep(other)
+        assert recent.scene is None
+    recent.keep(scene)
+    assert recent.scene is not None and SceneFile.from_toml(recent.scene).volume == scene.volume
+    assert recent.opened(str(recent.scene)) == recent
+    assert recent.forgotten().scene is None
+    Recent().keep(scene)
 
 
 @pytest.mark.parametrize("text", ["", "{", '{"a": 1}', "[1, 2]", "[" * 100000, '"x"'])

@@ -13,7 +13,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.scene.meshes import MeshFile, source_key
 from splatgl.scene.scene_file import SceneFile
-from splatgl.viewer.commands import Copy, Open, ask_for_files, with_settings
+from splatgl.viewer.commands import Copy, LeaveDocument, Open, ask_for_files, with_settings
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.loading import AddedFiles, Files
@@ -168,6 +168,11 @@ def test_dropped_files_are_asked_for() -> None:
         (text, opens), (_, adds), (_, nothing) = question.answers
         assert (text, opens, adds, nothing) == (first, Open(paths), Open(paths, adds=True), None)
     assert ask_for_files(list("abcde")).text == "a, b, c and 2 more"
+    # once, although edits would be lost
+    question, opens = ask_for_files(["a.npy"], is_edited=True), Open(("a.npy",))
+    effects = [effect for _, effect in question.answers]
+    assert effects == [LeaveDocument(opens, saves=True), LeaveDocument(opens), replace(opens, adds=True), None]
+    assert question.text == "a.npy. Edits are not saved."
 
 
 def test_a_title_of_a_mesh_is_no_part_of_its_data() -> None:

@@ -23,7 +23,7 @@ from splatgl.viewer.files import Recent, Watch
 from splatgl.viewer.jobs import Extractor, FinishedJob, JobKind, Jobs
 from splatgl.viewer.loading import AddedFiles, Files, Loaded, OpenedFile, open_document
 from splatgl.viewer.state import History, State, stated_transfers
-from splatgl.viewer.viewer import CHANGED, LEAVING, Options, Viewer
+from splatgl.viewer.viewer import CHANGED, LEAVING, NO_FILE, Options, Viewer
 from tests.helpers.blobs import LONGEST, SIZE, blob
 
 
@@ -347,6 +347,35 @@ def test_edits_are_asked_for_before_another_file_is_opened(edited: WithoutWindow
     edited.history.mark_saved(edited.state)
     edited.perform_one(Open((path,)))
     assert not asked and edited.files.opening == "b.npy"
+
+
+def test_dropped_segmentations_are_added(edited: WithoutWindow, folder: Path) -> None:
+    """By their names without a question; two values beside a volume are a segment, too."""
+    asked, samples = with_questions(edited), np.zeros((20, 20, 20), np.uint8)
+    samples[5:12, 5:12, 5:12] = 1
+    for name in ("head_seg.npy", "liver.npy"):
+        np.save(folder / name, samples)
+    edited.drop([str(folder / "liver.npy")])
+    assert asked.pop().answers[2][1] == Open((str(folder / "liver.npy"),), adds=True)
+    edited.drop([str(folder / "head_seg.npy")])
+    edited.perform_one(Open((str(folder / "liver.npy"),), adds=True))
+    applied(edited)
+    assert not asked and [len(style.base.labels) for style in edited.state.styles] == [0, 1, 1]
+
+
+def test_an_empty_window_waits_for_a_file(folder: Path) -> None:
+    """What needs one says so; bad files do not close it, and the first takes the default settings."""
+    viewer = WithoutWindow(Document.placeholder(SceneFile("")), files())
+    assert viewer.document.is_empty and not Document.placeholder(SceneFile("a.npy")).is_empty and viewer.busy is None
+    viewer.perform_one(WindowRequest.SAVE_PICTURE)
+    assert viewer.said == [NO_FILE]
+    viewer.drop([str(folder / "missing.npy")])
+    applied(viewer)
+    assert not viewer.closed and viewer.document.is_empty
+    viewer.perform_one(Open((str(folder / "m.off"), str(folder / "b.npy")), adds=True))
+    applied(viewer)
+    assert viewer.document.volume.name == "b" and viewer.state.settings.background is not None
+    assert viewer.state.mesh_files
 
 
 def test_without_the_panel_a_second_drop_leaves_edits(edited: WithoutWindow, folder: Path) -> None:
