@@ -134,7 +134,7 @@ class OpenScene:
         if self.halvings:
             layers = [replace(layer, volume=self._halved(layer.volume, layer.faded)) for layer in layers]
         if self.file.surfaces is not None:
-            layers = _with_surfaces(layers, self.file)
+            layers = with_surfaces(layers, self.file)
         if not any(layer.visible and layer.opacity for layer in layers):
             return [replace(layers[0], only_slices=True, opacity=1.0, visible=True)]
         return layers
@@ -480,7 +480,7 @@ def look_notes(look: SeriesLook | None, files: Sequence[SceneFile]) -> list[str]
     ]
 
 
-def _with_surfaces(layers: list[Layer], file: SceneFile) -> list[Layer]:
+def with_surfaces(layers: list[Layer], file: SceneFile) -> list[Layer]:
     """The layers, segmentations among them as surfaces. InputError if there is no segmentation."""
     are_segments = [is_segmentation(layer.volume, layer.seen) for layer in layers]
     if not any(are_segments):

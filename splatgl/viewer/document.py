@@ -23,7 +23,7 @@ from splatgl.geometry.clipping import Plane
 from splatgl.geometry.slices import Slice, parse_slices
 from splatgl.planning.scene import MOST_LAYERS, Layer, Scene
 from splatgl.scene.meshes import MeshFile, read_meshes, source_key, styled_mesh, surfaces_of
-from splatgl.scene.open_scene import LayerSource, OpenScene, on_background
+from splatgl.scene.open_scene import LayerSource, OpenScene, on_background, with_surfaces
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV, ViewOptions
 from splatgl.splat.extract import Progress
@@ -83,12 +83,8 @@ class Document:
     @classmethod
     def open(cls, scene: SceneFile, quiet: bool = False) -> Document:
         """Reads all volumes, or stand-ins, and meshes, and extracts the coarsest splats. Raises InputError as their
-        readers, and for surfaces. quiet: whether notes on the files are not printed.
+        readers. quiet: whether notes on the files are not printed.
         """
-        smooth = [source.surfaces for source in (scene, *scene.layers) if source.surfaces is not None]
-        if smooth:
-            fix = "splatgl render draws them"
-            raise expected("surfaces", "none in the window, which draws voxels", f"{smooth[0]:g}", fix)
         if scene.slices:
             fix = "splatgl render draws it; --slice-plane shows it in space"
             raise expected("slice", "none in the window, which draws in space", scene.slices[0], fix)
@@ -96,7 +92,11 @@ class Document:
         scene, volume = opened.file, opened.volume
         # refuses a bad one
         Movie.of(scene.animation, volume)
-        pairs = [pair for source in opened.read_layers() for pair in styled_layers(source, scene.settings)]
+        sources = opened.read_layers()
+        if scene.surfaces is not None:
+            made = iter(with_surfaces([layer for source in sources for layer in source.layers], scene))
+            sources = [source._replace(layers=[next(made) for _ in source.layers]) for source in sources]
+        pairs = [pair for source in sources for pair in styled_layers(source, scene.settings)]
         layers = dict(enumerate(layer for layer, _ in pairs))
         styles = tuple(replace(style, number=number) for number, (_, style) in enumerate(pairs))
         files = tuple(surfaces_of(scene))
@@ -153,6 +153,11 @@ class Document:
     @property
     def is_layered(self) -> bool:
         """Whether the picture is composited from layers and meshes, without an error bound."""
+        return self.has_layers or self.styles[0].surfaces is not None
+
+    @property
+    def has_layers(self) -> bool:
+        """Whether there is more than a single visible layer: others, meshes or slices."""
         has_meshes = bool(self.mesh_files or self.lines or self.slice_planes)
         return len(self.layers) > 1 or has_meshes or not self.styles[0].is_shown
 
@@ -312,11 +317,13 @@ class Document:
 
     def scene_at(self, stride: int, clip: Sequence[Plane]) -> Scene:
         """Scene for the renderer at a stride, clipped by planes; `splatgl render` draws the same at stride 1."""
-        key = stride, tuple(clip)
+        surfaces = [layer.meshes for layer in self.drawn_layers]
+        key = stride, tuple(clip), tuple(meshes is None for meshes in surfaces)
         if key not in self.scenes:
             while len(self.scenes) >= MOST_SCENES:
                 del self.scenes[next(iter(self.scenes))]
-            self.scenes[key] = Scene(self._shown_at(stride), clip, self.meshes)
+            made = [mesh for meshes in surfaces for mesh in meshes or ()]
+            self.scenes[key] = Scene(self._shown_at(stride), clip, [*self.meshes, *made])
         return self.scenes[key]
 
     def _shown_at(self, stride: int) -> list[Layer]:
@@ -362,7 +369,7 @@ def styled_layers(source: LayerSource, settings: Settings) -> list[tuple[LayerSp
             scene = replace(scene, load={**file.load, "channel": _channel(file.load.get("channel"), number)})
         name = file.title * (len(volume.channels) < 2) or samples.name or file.volume
         assert layer.transfer is not None
-        style = LayerStyle(layer.transfer, layer.threshold, 1.0, layer.opacity, file.visible)
+        style = LayerStyle(layer.transfer, layer.threshold, 1.0, layer.opacity, file.visible, surfaces=layer.surfaces)
         style = style_with_segments(style, samples, file.transfer)
         # the first has what is known of the file: its view and time points
         if number == 0 < len(volume.channels) - 1:

@@ -8,8 +8,10 @@ from functools import cached_property, partial
 import numpy as np
 
 from splatgl.data.affine import World
+from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume, halve_volume
 from splatgl.geometry.camera import Bounded
+from splatgl.geometry.clipping import ClipUnits, parse_planes
 from splatgl.geometry.scissors import Scissors, cut_volume
 from splatgl.planning.culling import OpaqueBounds, eye_is_outside, visible_shell
 from splatgl.planning.resolve import extraction_kind, why_per_splat
@@ -18,14 +20,18 @@ from splatgl.scene.open_scene import SMALL
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FIT_OF_0_3
 from splatgl.splat.extract import Progress, extract, why_only_pre
+from splatgl.splat.segment_surfaces import smooth_surfaces
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import MOST_KEPT, Splats
+from splatgl.transfer.colormaps import SOLID
 from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.adaptive_quality import STRIDES, StandIn, choose_stand_in
 from splatgl.viewer.state import LayerStyle
 
 # number of splats that can be processed within a millisecond
 FEW = 200_000
+# sets of surfaces that a layer keeps
+MOST_NETS = 3
 # classification and kernel
 Kind = tuple[str, str]
 
@@ -37,7 +43,7 @@ class LayerSplats:
     scene: options of this layer alone. own: the layer in the frame and unit of its file; volumes are in the document's.
     stand_in: the part of the volume that is shown. kind: of the splats. estimates: `counts` of the layer that this one
     replaces. cache: splats of each kind, all and (True) without the hidden ones, by stride. Layers of one cache differ
-    in their kind alone.
+    in their kind alone. nets: surfaces of segments that are made, by what they depend on, of this layer in all looks.
     """
 
     name: str
@@ -48,6 +54,7 @@ class LayerSplats:
     kind: Kind = ("pre", "")
     estimates: tuple[int, ...] = (0,) * len(STRIDES)
     cache: dict[tuple[Kind, bool], dict[int, Splats]] = field(default_factory=dict, repr=False)
+    nets: dict[object, dict[int, Mesh]] = field(default_factory=dict, repr=False)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, LayerSplats) and self.cache is other.cache and self.kind == other.kind
@@ -170,8 +177,42 @@ class LayerSplats:
         return self.by_stride[stride]
 
     def layer_at(self, stride: int) -> Layer:
-        """The layer of a scene, with the splats at a stride."""
-        return replace(self.drawn, volume=self.volumes[STRIDES.index(stride)], held=partial(self.at, stride))
+        """The layer of a scene, with the splats at a stride; none where surfaces are drawn instead."""
+        held = partial(self.at if self.meshes is None else self.none_at, stride)
+        return replace(self.drawn, volume=self.volumes[STRIDES.index(stride)], held=held, surfaces=None)
+
+    @property
+    def _net_key(self) -> object:
+        """What the shape of surfaces depends on: voxels, strength, and the visible segments, the most opaque first."""
+        shown = sorted((label for label in self.look.labels if label[2] > 0), key=lambda label: -label[2])
+        return self.volume, self.own.surfaces, tuple(number for number, *_ in shown)
+
+    def make_surfaces(self) -> None:
+        """Makes the smooth surfaces of segments, if they are drawn and not made yet."""
+        if self.own.surfaces is None or self._net_key in self.nets:
+            return
+        # the latest alone are kept
+        for key in list(self.nets)[: 1 - MOST_NETS]:
+            self.nets.pop(key, None)
+        # without names of the file, each is named by its number
+        plain = replace(self.volume, labels=None)
+        made, _ = smooth_surfaces(plain, self.look, self.own.surfaces, closed=False)
+        self.nets[self._net_key] = {int(mesh.name): mesh for mesh in made}
+
+    @property
+    def meshes(self) -> tuple[Mesh, ...] | None:
+        """The smooth surfaces of segments; None while they are not made, and where voxels are drawn."""
+        if self.own.surfaces is None or (made := self.nets.get(self._net_key)) is None:
+            return None
+        shown = [(made[label[0]], label) for label in self.look.labels if label[0] in made]
+        styled = [
+            replace(mesh, color=color, opacity=min(opacity / SOLID, 1.0), clipped=True)
+            for mesh, (_, color, opacity) in shown
+        ]
+        if self.drawn.clip is None:
+            return tuple(styled)
+        planes = parse_planes(self.drawn.clip, ClipUnits.of([self.volume]))
+        return tuple(replace(mesh, clipped=False).cut(planes) if planes else mesh for mesh in styled)
 
     def none_at(self, stride: int) -> Splats:
         """None of the splats at a stride."""
@@ -181,6 +222,9 @@ class LayerSplats:
     def shell(self, stride: int, progress: Progress | None = None) -> Splats:
         """The splats at a stride without those hidden from every side."""
         if stride not in self.shells:
+            if stride == 1:
+                # before the splats, whose picture is the finest
+                self.make_surfaces()
             same = stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume
             self.shells[stride] = self.shell(1, progress) if same else visible_shell(self.at(stride, progress))
         return self.shells[stride]
@@ -226,10 +270,11 @@ class LayerSplats:
 
     def for_style(self, style: LayerStyle, settings: Settings, moving: bool = False) -> LayerSplats:
         """The layer in a style, with splats of the kind that the settings take; this one if nothing changes."""
-        look = style.stated, style.opacity, style.threshold
-        if look == (self.own.transfer, self.own.opacity, self.own.threshold):
+        own = self.own
+        look = style.stated, style.opacity, style.threshold, style.surfaces
+        if look == (own.transfer, own.opacity, own.threshold, own.surfaces):
             return self.for_settings(settings, moving)
-        own = replace(self.own, transfer=look[0], opacity=look[1], threshold=look[2])
+        own = replace(own, transfer=look[0], opacity=look[1], threshold=look[2], surfaces=look[3])
         return self.with_own(own).for_settings(settings, moving)
 
     @property

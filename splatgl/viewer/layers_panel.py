@@ -12,6 +12,7 @@ from splatgl.annotations.text import plain
 from splatgl.data.mesh import OF_VOLUME, PLAIN
 from splatgl.planning.scene import MOST_LAYERS
 from splatgl.scene.meshes import MeshFile, is_mesh
+from splatgl.splat.segment_surfaces import SMOOTHING
 from splatgl.transfer.colormaps import colormap
 from splatgl.viewer.document import Document
 from splatgl.viewer.layer_splats import LayerSplats
@@ -200,6 +201,14 @@ class SegmentList:
                     style, chosen = _row(style, segment)
                     target = segment if chosen else target
         imgui.end_child()
+        changed, is_smooth = imgui.checkbox("smooth", style.surfaces is not None)
+        imgui.set_item_tooltip("Smooth surfaces instead of voxels, in the blend volume.")
+        style = replace(style, surfaces=SMOOTHING if is_smooth else None) if changed else style
+        if style.surfaces is not None:
+            imgui.same_line()
+            imgui.set_next_item_width(-1.0)
+            changed, strength = imgui.slider_float("##smoothing", style.surfaces, 0.0, 1.0, "%.2f")
+            style = replace(style, surfaces=min(max(round(strength, 2), 0.0), 1.0)) if changed else style
         state = state if style is state.style else state.with_style(state.selected, style)
         return state if target is None else _show_whole(state, document, layer, target)
 

@@ -372,7 +372,7 @@ class Panel:
                 state = panel_sections.draw_files(state, document, self.widgets, self.recent.paths)
             panel_sections.draw_file_options(state, document, self.widgets)
             opened = imgui.TreeNodeFlags_.default_open
-            if document.is_layered and imgui.collapsing_header("Layers", opened):
+            if document.has_layers and imgui.collapsing_header("Layers", opened):
                 state = draw_layers(state, document, self.widgets)
             # a layer that was just added may not be there yet
             edited = document.pool.get(state.style.number, document.layers[0])

@@ -111,7 +111,7 @@ def scene_of(state: State, document: Document, on_paper: bool = True) -> SceneFi
     view = replace(view, dpi=given.dpi, width=given.width) if on_paper else view
     # a picture that is too small has no annotations
     annotate = state.annotate if min(view.size) >= LEAST_SIDE else ()
-    names = ("title", "load", "transfer", "look", "threshold", "opacity", "visible")
+    names = ("title", "load", "transfer", "look", "threshold", "opacity", "visible", "surfaces")
     look = {name: getattr(first_scene, name) for name in names}
     scene = replace(
         document.scene,
@@ -150,7 +150,8 @@ def _layer_scene(layer: LayerSplats, style: LayerStyle) -> SceneFile:
     """The scene of one layer in a style."""
     scene, shown = layer.scene, layer.stand_in
     load = scene.load if shown is None or shown.level is None else {**scene.load, "level": shown.level}
-    look: dict[str, Any] = {"threshold": style.threshold, "opacity": style.opacity, "visible": style.visible}
+    names = ("threshold", "opacity", "visible", "surfaces")
+    look: dict[str, Any] = {name: getattr(style, name) for name in names}
     # points take the opacity of the value 1 alone
     table = {name: value for name, value in style.table.items() if layer.volume.points is None or name in OF_POINTS}
     # a channel has the options of the picture that the scene has
@@ -164,6 +165,8 @@ def render_scene(scene: SceneFile, document: Document, draw: Draw) -> Image:
     """
     transfer = scene.transfer_for(document.volume)
     shown = document.with_planes(scene.slice_planes).for_settings(scene.settings).with_current_splats()
+    for layer in shown.drawn_layers:
+        layer.make_surfaces()
     subject, settings = shown.subject_at(1, scene.settings)
     camera = scene.view.camera(shown.volume, subject)
     image = draw(subject, camera, without_background(settings, scene.annotate))

@@ -158,7 +158,8 @@ class LayerStyle:
     """Appearance of a layer. base: transfer function; extinction: a factor on it; opacity: a factor on its opacities.
     threshold: as of `extract`. hidden: numbers of segments that are not drawn. number: of the layer in its document,
     negative for layers that were added. title: its name in lists; "": the layer's. names: of segments, by their
-    numbers, instead of the file's. scissors: that cut it, those of the whole scene.
+    numbers, instead of the file's. scissors: that cut it, those of the whole scene. surfaces: smoothing of the surfaces
+    of segments, as of a layer; None: voxels.
     """
 
     base: Transfer
@@ -171,6 +172,7 @@ class LayerStyle:
     title: str = ""
     names: tuple[tuple[int, str], ...] = ()
     scissors: tuple[Scissors, ...] = ()
+    surfaces: float | None = None
 
     @property
     def is_shown(self) -> bool:

@@ -334,8 +334,6 @@ BASES: dict[str, Draw] = {
 }
 
 NOT_IN_WINDOW = {
-    "surfaces": "surfaces: expected none in the window, which draws voxels",
-    "layer.surfaces": "surfaces: expected none in the window, which draws voxels",
     "slices": "slice: expected none in the window, which draws in space",
 }
 NOT_IN_MOVIES = {"slices": "--slice: expected none in movies"}

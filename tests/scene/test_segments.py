@@ -221,10 +221,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("render seg.npy --surfaces 2", "surfaces: expected a strength of smoothing from 0 to 1, got 2.0"),
         ("render seg.npy --surfaces --blend xray", "meshes: expected blend composite, got xray"),
         ("render seg.npy --surfaces --workers 2", "--surfaces: expected none, with --workers or --scheduler"),
-        (
-            "view seg.npy --values labels --surfaces",
-            "surfaces: expected none in the window, which draws voxels, got 0.5",
-        ),
+        ("view gray.npy --surfaces", "surfaces: expected a segmentation among the volumes, got amounts"),
         ("pyramid scene.toml -o out.zarr", "surfaces: expected none, got 0.5; splatgl render draws them"),
         ("presets scene.toml -o out.png", "surfaces: expected none, got 0.5; splatgl render draws them"),
         ("report scene.toml", "surfaces: expected none, got 0.5; splatgl render draws them"),

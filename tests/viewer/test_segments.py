@@ -14,10 +14,12 @@ from splatgl.cli.main import main
 from splatgl.data.volume import Label
 from splatgl.errors import InputError
 from splatgl.geometry.slices import SliceLayer
+from splatgl.scene.draw import DrawOptions, draw
+from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import describe_pick, under_cursor
-from splatgl.viewer.saving import save_scene, scene_of
+from splatgl.viewer.saving import render_scene, save_scene, scene_of
 from splatgl.viewer.segments import (
     find_segments,
     list_segments,
@@ -206,6 +208,24 @@ def test_a_saved_scene_keeps_segments(document: Document, state: State, renderer
     assert np.array_equal(saved, np.load(folder / "again.npy")) and saved[..., 3].max() > 0.2
     again = Document.open(SceneFile.from_toml(folder / name)).styles[0]
     assert again.hidden == {1} and again.transfer == style.transfer
+
+
+def test_segments_are_smooth_in_the_window(document: Document, state: State, renderer: sg.Renderer) -> None:
+    """Once the finest splats are there, as `render` draws them; other colours take no new surfaces."""
+    smooth = state.with_style(0, replace(state.style, surfaces=0.5))
+    shown = document.with_styles(smooth.styles, (), smooth.settings)
+    assert shown.is_layered and shown.layers[0].meshes is None and len(shown.scene_at(1, ()).meshes) == 0
+    shown.extract(1)
+    assert [mesh.name for mesh in shown.scene_at(1, ()).meshes] == ["1", "2"]
+    scene = scene_of(smooth, shown)
+    assert scene.surfaces == 0.5 and Document.open(scene, quiet=True).styles[0].surfaces == 0.5
+    saved = render_scene(scene, shown, renderer.render)
+    drawn = draw(OpenScene.read(scene), DrawOptions(is_shared=True, check=0))
+    assert np.array_equal(saved.pixels, drawn.pixels) and saved.pixels[..., 3].max() > 0.2
+    blue = with_look(smooth.style, 1, "#0000ff", 0.995)
+    (first, _) = shown.with_styles((blue,), (), smooth.settings).layers[0].meshes or ()
+    assert first.color == (0.0, 0.0, 1.0) and first.opacity == 1.0
+    assert shown.with_styles((with_shown(blue, [2], False),), (), smooth.settings).layers[0].meshes is None
 
 
 @pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
