@@ -69,6 +69,41 @@ class CopyText:
 
 
 @dataclass(frozen=True)
+class PictureOptions:
+    """What a saved picture has instead of what is on the screen. size: pixels; width, dpi: on paper, as of a scene;
+    background: "": the screen's; is_plain: whether annotations are left out.
+    """
+
+    size: tuple[int, int] | None = None
+    width: str | None = None
+    dpi: float | None = None
+    background: str = ""
+    is_plain: bool = False
+
+
+AS_SHOWN = PictureOptions()
+
+
+class SaveAction(Enum):
+    """What is done with a file that the dialog names: it is written, a command that writes it is copied, or another
+    place is asked for.
+    """
+
+    WRITE = auto()
+    COPY = auto()
+    ASK = auto()
+
+
+@dataclass(frozen=True)
+class Save:
+    """Saves a scene, a picture or a movie, by the ending of its path."""
+
+    path: str
+    options: PictureOptions = AS_SHOWN
+    action: SaveAction = SaveAction.WRITE
+
+
+@dataclass(frozen=True)
 class Open:
     """Opens files; without paths, the dialog that asks for them. adds: to the picture, as layers and meshes."""
 
@@ -92,7 +127,7 @@ class LeaveDocument:
     saves: bool = False
 
 
-Effect = WindowRequest | Copy | CopyText | Open | OpenOption | LeaveDocument
+Effect = WindowRequest | Copy | CopyText | Save | Open | OpenOption | LeaveDocument
 Run = Callable[[State, Document], State | tuple[State, Effect]]
 
 

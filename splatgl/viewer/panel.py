@@ -29,6 +29,7 @@ from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.layers_panel import SegmentList, draw_layers
 from splatgl.viewer.panel_sections import CommandWidgets, draw_record, label_left
 from splatgl.viewer.preset_gallery import EDITED, PresetGallery, TransferShift, with_gradient
+from splatgl.viewer.save_dialog import SaveDialog
 from splatgl.viewer.saving import check_target
 from splatgl.viewer.start import draw_start
 from splatgl.viewer.state import BLURS, State
@@ -305,7 +306,7 @@ class Panel:
         self.has_strip = has_strip
         self.curve, self.regions, self.segments = CurveEditor(), RegionEditor(), SegmentList()
         self.browser, self.widgets = Browser(), CommandWidgets(commands)
-        self.palette, self.questions = Palette(), Questions()
+        self.palette, self.questions, self.saving = Palette(), Questions(), SaveDialog()
         self.gallery, self.shift = PresetGallery(), TransferShift()
         self.recent = Recent()
         self.place = (0.0, 0.0, 0.0, 0.0)
@@ -342,6 +343,7 @@ class Panel:
         else:
             self.place = (0.0, 0.0, 0.0, 0.0)
         self.questions.draw(self.widgets, room)
+        self.saving.draw(self.widgets, room)
         state = self.palette.draw(state, document, self.widgets, room)
         self.popup = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
         # the palette has arrows of its own

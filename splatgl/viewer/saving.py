@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +28,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import OF_POINTS
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
-from splatgl.viewer.commands import Copy
+from splatgl.viewer.commands import AS_SHOWN, Copy, PictureOptions
 from splatgl.viewer.document import Document
 from splatgl.viewer.frame_renderer import EDGE
 from splatgl.viewer.layer_splats import LayerSplats
@@ -131,6 +132,17 @@ def scene_of(state: State, document: Document, on_paper: bool = True) -> SceneFi
     return replace(scene, animation=state.movie.table(document, state.times))
 
 
+def with_options(scene: SceneFile, options: PictureOptions) -> SceneFile:
+    """The scene of a picture with options of its own. Raises InputError for a size or a width that is none."""
+    view, settings = scene.view, scene.settings
+    if options.size or options.width:
+        view = replace(view, size=options.size or view.size, width=options.width, dpi=options.dpi)
+    if options.background:
+        settings = settings.replace(background=options.background)
+    is_plain = options.is_plain or min(view.size) < LEAST_SIDE
+    return replace(scene, view=view, settings=settings, annotate=() if is_plain else scene.annotate)
+
+
 def _whole_layers(document: Document) -> list[tuple[LayerSplats, LayerStyle]]:
     """Layers and styles, of a layer that planes leave partly whole one of its two parts. Raises InputError for parts
     in two styles.
@@ -184,13 +196,17 @@ def save_picture(state: State, document: Document, draw: Draw, folder: Path, add
     return _save_picture(state, document, draw, free_path(folder, "picture", ".png"), add)
 
 
-def _save_picture(state: State, document: Document, draw: Draw, target: Path, add: Add) -> str:
+def _save_picture(
+    state: State, document: Document, draw: Draw, target: Path, add: Add, options: PictureOptions = AS_SHOWN
+) -> str:
     if document.exceeds_budget:
         raise expected("picture", "splats that fit into memory", "too many", f"save the scene: {RENDERED}")
-    scene = scene_of(state, document, on_paper=False)
+    scene = with_options(scene_of(state, document, on_paper=False), options)
     document = document.with_styles(state.styles, state.mesh_files, state.settings)
-    add(render_scene(scene, document, draw)).save(target)
-    return f"saved {target.name}"
+    image, is_whole = render_scene(scene, document, draw), scene.view.size == state.pose.camera.size
+    (add(image) if is_whole else image).save(target)
+    beside = state.slices.shown or state.beside is not None
+    return f"saved {target.name}" + ": of this size without what is beside the picture" * (beside and not is_whole)
 
 
 def save_scene(state: State, document: Document, draw: Draw, folder: Path) -> str:
@@ -205,13 +221,21 @@ def save_scene(state: State, document: Document, draw: Draw, folder: Path) -> st
     return f"saved {target.with_suffix('.npy').name} and {target.name}"
 
 
-def copy_text(form: Copy, state: State, document: Document) -> str:
-    """Text that reproduces the picture: a scene file, or a command or Python that writes and draws it."""
-    scene = scene_of(state, document).to_toml()
+def copy_text(
+    form: Copy,
+    state: State,
+    document: Document,
+    options: PictureOptions = AS_SHOWN,
+    name: str = "picture.png",
+) -> str:
+    """Text that reproduces the picture: a scene file, or a command or Python that writes and draws it. name: of the
+    picture.
+    """
+    scene = with_options(scene_of(state, document), options).to_toml()
     if form is Copy.SCENE:
         return scene
     if form is Copy.COMMAND:
-        return f"cat > scene.toml <<'END'\n{scene}END\nsplatgl render scene.toml -o picture.png\n"
+        return f"cat > scene.toml <<'END'\n{scene}END\nsplatgl render scene.toml -o {shlex.quote(name)}\n"
     quoted = scene.replace("\\", "\\\\").replace('"""', '\\"\\"\\"')
     write = f'Path("scene.toml").write_text("""\\\n{quoted}""", encoding="utf-8")'
     draw = 'image = sg.render("scene.toml")\nimage.save("picture.png")'
@@ -219,7 +243,13 @@ def copy_text(form: Copy, state: State, document: Document) -> str:
 
 
 def save_as(
-    state: State, document: Document, draw: Draw, target: Path, add: Add = plain, times: Sequence[SceneFile] = ()
+    state: State,
+    document: Document,
+    draw: Draw,
+    target: Path,
+    add: Add = plain,
+    times: Sequence[SceneFile] = (),
+    options: PictureOptions = AS_SHOWN,
 ) -> str:
     """Writes a scene (.toml, or no ending) or a picture; returns the message to show. times: scenes of the series.
     Raises InputError as `check_target`, and for files that the document or its series was read from.
@@ -228,8 +258,8 @@ def save_as(
     if overwrites(target, source_files(document, times)):
         raise expected(target, "another file", "what is shown", "choose another name")
     if not is_scene_name(target):
-        return _save_picture(state, document, draw, target, add)
-    write_file(target, scene_of(state, document).to_toml(target.parent).encode())
+        return _save_picture(state, document, draw, target, add, options)
+    write_file(target, with_options(scene_of(state, document), options).to_toml(target.parent).encode())
     return f"saved {target.name}"
 
 

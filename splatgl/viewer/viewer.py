@@ -38,6 +38,7 @@ from splatgl.viewer.adaptive_quality import (
     return_large_blocks,
 )
 from splatgl.viewer.commands import (
+    AS_SHOWN,
     COMMANDS,
     Command,
     Copy,
@@ -47,6 +48,8 @@ from splatgl.viewer.commands import (
     Open,
     OpenOption,
     Question,
+    Save,
+    SaveAction,
     WindowRequest,
     are_segmentations,
     ask_for_files,
@@ -100,6 +103,7 @@ RECORDING = "a movie is recorded; quit again to cancel it"
 LEAVING = "edits are not saved: shift+s saves the scene; open it again to leave without"
 # purpose of the extra library, for the message where it is missing
 PANEL = "the panel with the opacity curve, colours, settings, cuts and files"
+DIALOG = "the file dialog"
 # commands that a preview goes on at
 PREVIEWS = ("preview", "hud", "panel", "keyframe")
 # maximum panel frames between two portions of a picture
@@ -173,7 +177,7 @@ class Viewer:
             self.screen.close()
             raise
         self.history = History(self.state)
-        self.recent, self.dialogs = Recent.of(os.environ), Dialogs()
+        self.recent, self.dialogs, self.chosen_options = Recent.of(os.environ), Dialogs(), AS_SHOWN
         # what was shown before the document was opened, and after it was left by undo
         self.before: ReplacedDocument | None = None
         self.after: ReplacedDocument | None = None
@@ -666,12 +670,8 @@ class Viewer:
         chosen = self.dialogs.take(self.panel and self.panel.panel.browser)
         if chosen and self.dialogs.kind != SAVE:
             self.perform_one(Open(tuple(chosen), adds=self.dialogs.kind == ADD))
-        elif chosen and Path(chosen[0]).suffix.lower() in MOVIES:
-            self._record(Path(chosen[0]))
         elif chosen:
-            path = Path(chosen[0])
-            save = partial(save_as, target=path, add=self._composed, times=self.files.times)
-            self._save(path.name, save, is_scene_name(path))
+            self.perform_one(Save(chosen[0], self.chosen_options))
         if self.files.times and not self.dirty:
             self.files.show_time(self.state.time)
         if self.window.closing and WindowRequest.QUIT not in effects:
@@ -695,7 +695,24 @@ class Viewer:
             case WindowRequest.SAVE_SCENE:
                 self._save("scene", partial(save_scene, folder=folder), True)
             case WindowRequest.SAVE_AS:
-                self._open_dialog(SAVE, folder, free_path(folder, "scene", ".toml").name)
+                if find_spec("imgui_bundle"):
+                    self.open_panel()
+                    self.panel.panel.saving.open(free_path(folder, "picture", ".png"), self.size)
+                else:
+                    self.say(str(missing_extra(DIALOG, "imgui-bundle", "gui")))
+            case Save(path, options, SaveAction.ASK):
+                self.chosen_options = options
+                self._open_dialog(SAVE, Path(path).parent, Path(path).name)
+            case Save(path, options, SaveAction.COPY):
+                copied = copy_text(Copy.COMMAND, self.state, self.document, options, Path(path).name)
+                self.window.copy(copied)
+                self.say("command copied: it draws this picture")
+            case Save(path, options) if Path(path).suffix.lower() in MOVIES:
+                self._record(Path(path))
+            case Save(path, options):
+                times, target = self.files.times, Path(path)
+                save = partial(save_as, target=target, add=self._composed, times=times, options=options)
+                self._save(target.name, save, is_scene_name(target) and options == AS_SHOWN)
             case Copy():
                 self.window.copy(copy_text(effect, self.state, self.document))
                 self.say(f"{effect.value} copied: it draws this picture")
@@ -723,7 +740,7 @@ class Viewer:
             case WindowRequest.RECORD:
                 self._record(free_path(folder, "movie", self.state.movie.form))
             case WindowRequest.RECORD_AS:
-                form = self.state.movie.form or MOVIES[0]
+                form, self.chosen_options = self.state.movie.form or MOVIES[0], AS_SHOWN
                 self._open_dialog(SAVE, folder, free_path(folder, "movie", form).name)
             case WindowRequest.CANCEL_RECORDING:
                 self.say("nothing is recorded" if not self.recorder.cancel() else "the recording is cancelled")
@@ -826,7 +843,7 @@ class Viewer:
         if find_spec("imgui_bundle"):
             self.dialogs.open(kind, folder.resolve(), name, self._browser)
         else:
-            self.say(str(missing_extra("the file dialog", "imgui-bundle", "gui")))
+            self.say(str(missing_extra(DIALOG, "imgui-bundle", "gui")))
 
     def _browser(self) -> Any:
         """Opens the panel, which draws the file dialog."""

@@ -14,7 +14,11 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.scene.scene_file import SceneFile
+from splatgl.viewer.commands import AS_SHOWN, Copy, PictureOptions
+from splatgl.viewer.document import Document
 from splatgl.viewer.files import MOST_RECENT, Recent, WindowLayout
+from splatgl.viewer.saving import copy_text, save_as
+from splatgl.viewer.state import State
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, pointed
 
@@ -94,6 +98,44 @@ def test_the_arrangement_of_the_window_is_kept(tmp_path: Path) -> None:
         assert WindowLayout.of(environment) == WindowLayout()
 
 
+def test_the_save_dialog_says_what_is_saved(tmp_path: Path) -> None:
+    """The name's own ending is the format, if it is one; what is on the screen, unless it says otherwise."""
+    pytest.importorskip("imgui_bundle", reason=WITH_GUI)
+    from splatgl.viewer.save_dialog import BACKGROUNDS, SaveDialog
+
+    dialog = SaveDialog()
+    dialog.open(tmp_path / "picture-001.png", (320, 240))
+    assert dialog.path == tmp_path / "picture-001.png" and dialog.options == AS_SHOWN
+    for name, form, right in (("fig.1", ".tif", "fig.1.tif"), ("a.NPY", ".png", "a.NPY"), ("a.mp4", ".png", "a.mp4")):
+        dialog.name, dialog.form = name, form
+        assert dialog.path.name == right
+    dialog.by, dialog.background, dialog.has_annotations = 1, BACKGROUNDS.index("black"), False
+    assert dialog.options == PictureOptions((320, 240), background="black", is_plain=True)
+    dialog.open(tmp_path / "picture-002.png", (200, 100))
+    assert dialog.pixels == (200, 100)
+    dialog.by, dialog.width = 2, "85"
+    assert (dialog.options.width, dialog.options.dpi) == ("85", 300.0) and "such as 85mm" in dialog._describe_size()
+
+
+def test_a_picture_is_saved_otherwise_than_shown(folder: Path, renderer: sg.Renderer) -> None:
+    """Of a width on paper, on black, without annotations, as the copied command draws it."""
+    document = Document.open(SceneFile(str(folder / "blob.npy")))
+    state, target = State.of(document, (120, 90)), folder / "a b.png"
+    options = PictureOptions(width="1in", dpi=72.0, background="black", is_plain=True)
+    assert save_as(state, document, renderer.render, target, options=options) == "saved a b.png"
+    pixels = sg.Image.load(target).pixels
+    assert pixels.shape[:2] == (54, 72) and pixels[0, 0].tolist() == [0, 0, 0, 1] and state.annotate
+    command = copy_text(Copy.COMMAND, state, document, options, target.name)
+    assert command.endswith("splatgl render scene.toml -o 'a b.png'\n")
+    (folder / "scene.toml").write_text(command.split("'END'\n")[1].split("END\n")[0])
+    options_of_command = ["-o", str(folder / "again.png"), "--backend", renderer.info.backend, "--quiet"]
+    assert main(["render", str(folder / "scene.toml"), *options_of_command]) == 0
+    assert np.array_equal(sg.Image.load(folder / "again.png").pixels, pixels)
+    # as shown, it has the window's size and its annotations
+    save_as(state, document, renderer.render, target)
+    assert sg.Image.load(target).pixels.shape[:2] == (90, 120)
+
+
 # --- driven -------------------------------------------------------------------------------------------------------
 
 
@@ -134,7 +176,7 @@ def test_the_desktop_s_dialog(folder: Path) -> None:
     window.key("]")
     for name in ("picture.png", "named", "floats.npy"):
         (folder / "answer").write_text(f"{folder / name}\n")
-        window.key("ctrl+s")
+        window.ask("set", effects=["RECORD_AS"])
         told = window.until(lambda told, name=name: f"saved {name}" in told["message"])  # type: ignore[misc]
         assert f"saved {name}" in told["message"]
     assert (
@@ -146,7 +188,7 @@ def test_the_desktop_s_dialog(folder: Path) -> None:
     # the volume itself is not overwritten
     volume = (folder / "other ä.npy").read_bytes()
     (folder / "answer").write_text(f"{folder / 'other ä.npy'}\n")
-    window.key("ctrl+s")
+    window.ask("set", effects=["RECORD_AS"])
     assert "another file" in window.until(lambda told: "another" in told["message"])["message"]
     assert (folder / "other ä.npy").read_bytes() == volume
     assert window.key("q")["closed"]
@@ -180,7 +222,7 @@ def test_the_window_s_own_dialog(folder: Path) -> None:
         told = window.key(letter)
     assert told["dialog"] and told["settings"] == before
     told = window.key("enter")
-    assert not told["dialog"] and "saved" in told["message"] and (folder / "ab.toml").exists()
+    assert not told["dialog"] and "saved" in told["message"] and (folder / "ab.png").exists()
     # the list of the panel opens the first file again
     window.drop(folder / "blob.npy")
     pointed(window, *SECTION)
