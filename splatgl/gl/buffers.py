@@ -16,7 +16,7 @@ from splatgl.gl.shader import ABREAST
 from splatgl.planning.clusters import Clusters
 from splatgl.planning.culling import OrderKey, back_to_front, block_boxes
 from splatgl.splat.motion import Exposure
-from splatgl.splat.splats import MOST_KEPT, Splats
+from splatgl.splat.splats import MOST_KEPT, Splats, check_now
 
 # cache limits: entries, and bytes of the records of all entries but the latest
 KEPT, KEPT_BYTES = 3, 2**28
@@ -391,6 +391,7 @@ def _filled(ctx: moderngl.Context, words: np.ndarray) -> moderngl.Texture:
 def write_words(texture: moderngl.Texture, words: np.ndarray) -> None:
     """Writes words [N, n] into a texture's first rows, PART at a time: a padded copy of all would double the memory."""
     for first in range(0, max(len(words), 1), PART):
+        check_now()
         part = _padded(words[first : first + PART])
         texture.write(part, (0, first // ABREAST, texture.width, len(part) // ABREAST), alignment=4)
 

@@ -18,7 +18,7 @@ from splatgl.planning.culling import BOUNDS_MARGIN, HAS_PLACE, STRETCHED, PixelW
 from splatgl.planning.plan import Plan
 from splatgl.planning.technique import COLUMNS, ROWS
 from splatgl.splat.sheets import Sheets, index_direction
-from splatgl.splat.splats import Splats, is_points
+from splatgl.splat.splats import Splats, check_now, is_points
 
 # bits of a cell along an axis of a cluster, with their mask, and of the number of a splat
 SIDE_BITS, NAME_BITS = 2, 24
@@ -65,6 +65,7 @@ class Clusters:
         boxes = np.stack([x[start], splats.row_y[row], splats.row_z[row]]).astype(np.int64) >> SIDE_BITS
         across, down, _ = np.ptp(boxes, axis=1) + 1
         box = (boxes[2] * down + boxes[1]) * across + boxes[0]
+        check_now()
         by_box = np.argsort(box, kind="stable")
         groups = np.concatenate([[0], np.flatnonzero(np.diff(box[by_box])) + 1])
         corner = boxes[:, by_box[groups]] << SIDE_BITS
@@ -72,6 +73,7 @@ class Clusters:
         length = np.diff(np.append(start, len(splats)))[by_box]
         until = np.cumsum(length)
         begin = np.append((until - length)[groups], len(splats))
+        check_now()
         # unsigned numbers wrap around
         order = np.repeat((first - (until - length)).astype(np.uint32), length)
         order += np.arange(len(splats), dtype=np.uint32)

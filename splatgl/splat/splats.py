@@ -75,7 +75,7 @@ _check = _Check()
 
 @contextmanager
 def checked(check: Callable[[], None]) -> Iterator[None]:
-    """Has `in_parts` of this thread call `check` before every part, which ends the work by raising an error."""
+    """Has `in_parts` and `check_now` of this thread call `check`, which ends the work by raising an error."""
     before, _check.call = _check.call, check
     try:
         yield
@@ -83,13 +83,18 @@ def checked(check: Callable[[], None]) -> Iterator[None]:
         _check.call = before
 
 
+def check_now() -> None:
+    """Calls what the work of this thread is `checked` by, between its steps."""
+    if _check.call is not None:
+        _check.call()
+
+
 def in_parts(count: int, size: int, work: Callable[[slice], Result]) -> list[Result]:
     """Runs `work` on slices of `size` out of `count` items in threads; returns the results in order."""
     parts = [slice(start, min(start + size, count)) for start in range(0, count, size)]
 
     def run(part: slice) -> Result:
-        if _check.call is not None:
-            _check.call()
+        check_now()
         return work(part)
 
     if len(parts) < 2:

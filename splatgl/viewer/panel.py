@@ -22,6 +22,7 @@ from splatgl.transfer.statistics import Statistics
 from splatgl.transfer.transfer import Transfer
 from splatgl.viewer import hud, panel_sections, transfer_editor
 from splatgl.viewer.commands import HIGHEST, Command, CopyText, Question, why_not, with_settings, with_threshold
+from splatgl.viewer.dialogs import SaveDialog, draw_start
 from splatgl.viewer.document import Document
 from splatgl.viewer.files import OPEN, SAVE, Recent, suffixes
 from splatgl.viewer.hud import DisplayedFrame
@@ -29,9 +30,7 @@ from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.layers_panel import SegmentList, draw_layers
 from splatgl.viewer.panel_sections import CommandWidgets, draw_record, label_left
 from splatgl.viewer.preset_gallery import EDITED, PresetGallery, TransferShift, with_gradient
-from splatgl.viewer.save_dialog import SaveDialog
 from splatgl.viewer.saving import check_target
-from splatgl.viewer.start import draw_start
 from splatgl.viewer.state import BLURS, State
 from splatgl.viewer.trackball import PANEL
 from splatgl.viewer.transfer_editor import CurveEditor, RegionEditor

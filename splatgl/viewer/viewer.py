@@ -24,6 +24,7 @@ from splatgl.gl.screen import Screen, ScreenMarks
 from splatgl.gl.target import Interrupted
 from splatgl.scene.meshes import is_mesh
 from splatgl.splat.settings import Settings
+from splatgl.splat.splats import checked
 from splatgl.viewer import commands
 from splatgl.viewer.adaptive_quality import (
     LADDER,
@@ -47,6 +48,7 @@ from splatgl.viewer.commands import (
     LeaveDocument,
     Open,
     OpenOption,
+    PictureOptions,
     Question,
     Save,
     SaveAction,
@@ -103,9 +105,12 @@ RECORDING = "a movie is recorded; quit again to cancel it"
 LEAVING = "edits are not saved: shift+s saves the scene; open it again to leave without"
 # purpose of the extra library, for the message where it is missing
 PANEL = "the panel with the opacity curve, colours, settings, cuts and files"
-DIALOG = "the file dialog"
+# the panel's dialog, beside those of files
+SAVE_PICTURE = "save-picture"
 # commands that a preview goes on at
 PREVIEWS = ("preview", "hud", "panel", "keyframe")
+# seconds between two looks for events while a frame is prepared
+POLLED = 0.05
 # maximum panel frames between two portions of a picture
 MOST_SHOWN = 2
 # seconds of a preview that the panel waits for
@@ -149,6 +154,8 @@ class Viewer:
         self.effects: list[Effect] = []
         # number of inputs, and the time of the latest: a full-quality frame is cancelled by new ones
         self.inputs, self.touched = 0, self.now()
+        # when a frame in preparation looked for events
+        self.polled = self.touched
         self.closed, self.dirty = False, 1
         self.failed: BaseException | None = None
         arrangement = WindowLayout.of(os.environ)
@@ -458,7 +465,8 @@ class Viewer:
             # quick previews need no portions
             is_slow = level == 0 or self.refiner.pace.expected(level) > WAITED
             interrupted = partial(self._is_interrupted, inputs, level == 0) if is_slow else None
-            frame = self.painter.draw(self.state, self.document, LADDER[level], blurs, interrupted)
+            with checked(self._check_closing):
+                frame = self.painter.draw(self.state, self.document, LADDER[level], blurs, interrupted)
             self.clear_message(PICTURE)
             self.dirty = max(self.dirty, 1 + frame.full)
             return wanted, frame.full
@@ -473,6 +481,14 @@ class Viewer:
         if wanted == self.refiner.refused and self.coming is None and not self.state.message:
             self.say(self.reject_reason, PICTURE)
         return level
+
+    def _check_closing(self) -> None:
+        """Polls events while a frame is prepared, now and then; raises Interrupted once the window is to close."""
+        if self.now() - self.polled > POLLED:
+            self.window.wait(0.0)
+            self.polled = self.now()
+        if self.window.closing or WindowRequest.QUIT in self.effects:
+            raise Interrupted
 
     def _is_interrupted(self, inputs: int, is_full: bool = True) -> bool:
         """Polls events during a frame and shows the panel that they change; True after new input, which cancels the
@@ -695,24 +711,9 @@ class Viewer:
             case WindowRequest.SAVE_SCENE:
                 self._save("scene", partial(save_scene, folder=folder), True)
             case WindowRequest.SAVE_AS:
-                if find_spec("imgui_bundle"):
-                    self.open_panel()
-                    self.panel.panel.saving.open(free_path(folder, "picture", ".png"), self.size)
-                else:
-                    self.say(str(missing_extra(DIALOG, "imgui-bundle", "gui")))
-            case Save(path, options, SaveAction.ASK):
-                self.chosen_options = options
-                self._open_dialog(SAVE, Path(path).parent, Path(path).name)
-            case Save(path, options, SaveAction.COPY):
-                copied = copy_text(Copy.COMMAND, self.state, self.document, options, Path(path).name)
-                self.window.copy(copied)
-                self.say("command copied: it draws this picture")
-            case Save(path, options) if Path(path).suffix.lower() in MOVIES:
-                self._record(Path(path))
-            case Save(path, options):
-                times, target = self.files.times, Path(path)
-                save = partial(save_as, target=target, add=self._composed, times=times, options=options)
-                self._save(target.name, save, is_scene_name(target) and options == AS_SHOWN)
+                self._open_dialog(SAVE_PICTURE, folder, free_path(folder, "picture", ".png").name)
+            case Save():
+                self._save_as(Path(effect.path), effect.options, effect.action)
             case Copy():
                 self.window.copy(copy_text(effect, self.state, self.document))
                 self.say(f"{effect.value} copied: it draws this picture")
@@ -826,6 +827,20 @@ class Viewer:
         elif is_scene:
             self.history.mark_saved(self.state)
 
+    def _save_as(self, path: Path, options: PictureOptions, action: SaveAction) -> None:
+        """Saves under a name, copies the command that draws it, or asks for another place."""
+        if action is SaveAction.ASK:
+            self.chosen_options = options
+            self._open_dialog(SAVE, path.parent, path.name)
+        elif action is SaveAction.COPY:
+            self.window.copy(copy_text(Copy.COMMAND, self.state, self.document, options, path.name))
+            self.say("command copied: it draws this picture")
+        elif path.suffix.lower() in MOVIES:
+            self._record(path)
+        else:
+            save = partial(save_as, target=path, add=self._composed, times=self.files.times, options=options)
+            self._save(path.name, save, is_scene_name(path) and options == AS_SHOWN)
+
     def _composed(self, image: Image) -> Image:
         """The picture with the slices of the window and the one beside it. Raises InputError for unreadable slices."""
         slices = None
@@ -840,10 +855,13 @@ class Viewer:
         return compose_screenshot(image, self.state, self.document, draw, scale, slices)
 
     def _open_dialog(self, kind: str, folder: Path, name: str) -> None:
-        if find_spec("imgui_bundle"):
-            self.dialogs.open(kind, folder.resolve(), name, self._browser)
+        if not find_spec("imgui_bundle"):
+            self.say(str(missing_extra("the file dialog", "imgui-bundle", "gui")))
+        elif kind == SAVE_PICTURE:
+            self.open_panel()
+            self.panel.panel.saving.open(folder / name, self.size)
         else:
-            self.say(str(missing_extra(DIALOG, "imgui-bundle", "gui")))
+            self.dialogs.open(kind, folder.resolve(), name, self._browser)
 
     def _browser(self) -> Any:
         """Opens the panel, which draws the file dialog."""

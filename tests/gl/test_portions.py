@@ -10,6 +10,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.gl import buffers, quads, target, tiles
+from splatgl.splat.splats import checked
 from tests.helpers.noise import noise, views
 from tests.helpers.splatting import SPLATS
 
@@ -124,6 +125,28 @@ def test_every_pass_of_sheets_can_be_cancelled(processor: sg.Renderer, monkeypat
             processor.render(splats, camera, settings, interrupted=lambda kind=kind: kind in works)  # type: ignore[misc]
         assert works[-1] == kind
         assert (processor.render(splats, camera, settings).pixels == right).all()
+
+
+def test_preparation_ends_where_it_is_checked(processor: sg.Renderer) -> None:
+    """At each of its steps; what comes next is right bit for bit."""
+    calls, left = list[int](), [0]
+
+    def check() -> None:
+        calls.append(1)
+        left[0] -= 1
+        if left[0] == 0:
+            raise sg.Interrupted
+
+    right = processor.render(noise(size=20), camera := views(noise(size=20))["fitted"]).pixels
+    splats = noise(size=20)
+    with checked(check):
+        assert (processor.render(splats, camera).pixels == right).all()
+    assert len(calls) > 1
+    for number in range(1, len(calls) + 1):
+        splats, left[0] = noise(size=20), number
+        with checked(check), pytest.raises(sg.Interrupted):
+            processor.render(splats, camera)
+        assert (processor.render(splats, camera).pixels == right).all()
 
 
 def test_the_end_of_a_range_makes_portions_no_larger(renderer: sg.Renderer) -> None:

@@ -101,7 +101,7 @@ def test_the_arrangement_of_the_window_is_kept(tmp_path: Path) -> None:
 def test_the_save_dialog_says_what_is_saved(tmp_path: Path) -> None:
     """The name's own ending is the format, if it is one; what is on the screen, unless it says otherwise."""
     pytest.importorskip("imgui_bundle", reason=WITH_GUI)
-    from splatgl.viewer.save_dialog import BACKGROUNDS, SaveDialog
+    from splatgl.viewer.dialogs import BACKGROUNDS, SaveDialog
 
     dialog = SaveDialog()
     dialog.open(tmp_path / "picture-001.png", (320, 240))
