@@ -139,7 +139,7 @@ class AddedFiles:
 
     def added_to(self, state: State, document: Document) -> tuple[State, Document]:
         """The state and the document with these; a mesh that is added again replaces its earlier one. Layers beyond
-        MOST_LAYERS are hidden. A first layer as it was opened becomes faint under segments, as under `--labels`.
+        MOST_LAYERS are hidden. A first layer becomes faint under segments, as under `--labels`.
         """
         share = self._faint_share(state, document)
         document, numbers = document.with_layers([layer for layer, _ in self.parts])
@@ -158,14 +158,11 @@ class AddedFiles:
         return replace(state, **changes, message=message), document.with_meshes(self.read)
 
     def _faint_share(self, state: State, document: Document) -> float:
-        """Factor of the opacity of the first layer by which segments in it are seen; 1 once it is edited."""
+        """Factor of the opacity of the first layer by which segments in it are seen, also once it is edited."""
         first, segments = state.styles[0], [layer.scene for layer, style in self.parts if style.base.labels]
-        scene = replace(document.scene, settings=state.settings, vectors=Vectors(), layers=())
-        base = scene.stated_transfer(document.volume)
-        if first.base.points != base.points or first.stated is not first.base or first.opacity < 1:
-            return 1.0
+        plain = replace(document.scene, settings=state.settings, transfer={}, threshold=0.0, vectors=Vectors())
         layers = tuple(replace(segment, transfer={"only_labels": ()}) for segment in segments)
-        return faint_share(replace(scene, layers=layers), document.volume, base)
+        return faint_share(replace(plain, layers=layers), document.volume, first.transfer)
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,6 +90,15 @@ def test_added_layers_are_undone_and_redone(document: Document, folder: Path) ->
     assert str(folder / "seg.nrrd") in source_files(shown(back, drawn))
 
 
+def test_an_edited_volume_is_faint_under_segments_once(document: Document, folder: Path) -> None:
+    """What is faint already stays."""
+    edited = started(document).edit(extinction=2.0)
+    state, now = added(edited, document, folder, "seg.nrrd")
+    assert state.styles[0].opacity < 0.2 and "blob is faint" in state.message
+    again, _ = added(state, now, folder, "seg.nrrd")
+    assert again.styles[0].opacity == pytest.approx(state.styles[0].opacity) and "faint" not in again.message
+
+
 def test_a_file_of_several_volumes_gives_its_first(document: Document, folder: Path) -> None:
     ((layer, _),) = read(document, folder, ["two.npz"]).parts
     assert layer.volume.shape == (8, 8, 8) and layer.scene.load == {"array": "a"}
