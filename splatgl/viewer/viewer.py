@@ -204,6 +204,8 @@ class Viewer:
         self.right_edge = 0
         # topic and message of the latest error; why the latest picture was not drawn
         self.last_error, self.reject_reason = ("", ""), ""
+        if document.is_empty and self.panel is None:
+            self.say(NO_FILE)
 
     # --- what is shown ----------------------------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ import os
 import stat
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -115,6 +116,17 @@ def test_the_save_dialog_says_what_is_saved(tmp_path: Path) -> None:
     assert dialog.pixels == (200, 100)
     dialog.by, dialog.width = 2, "85"
     assert (dialog.options.width, dialog.options.dpi) == ("85", 300.0) and "such as 85mm" in dialog._describe_size()
+
+
+def test_a_window_has_its_latest_size(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a scene, too, unless an option states it; without a file nothing is read."""
+    found: list[tuple[Any, ...]] = []
+    monkeypatch.setattr("splatgl.cli.view.open_window", lambda *given: found.append(given))
+    (folder / "s.toml").write_text('volume = "blob.npy"\n[camera]\nsize = [90, 60]\n')
+    for arguments in (["s.toml"], ["s.toml", "--size", "50x40"], []):
+        assert main(["view", *(str(folder / each) if each == "s.toml" else each for each in arguments)]) == 0
+    (_, _, scene), (_, _, stated), (files, nothing, _), *_ = (given[:3] for given in found)
+    assert scene.size is None and stated.size == (50, 40) and nothing.volume == "" and files.jobs.busy is None
 
 
 def test_a_picture_is_saved_otherwise_than_shown(folder: Path, renderer: sg.Renderer) -> None:
