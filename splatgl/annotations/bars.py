@@ -25,6 +25,8 @@ LADDER = ("nm", "um", "mm", "m", "km")
 # a length keeps the file's unit from 1 to below this
 MOST = 1000.0
 PERSPECTIVE = "at the centre's depth"
+# name of a unit that the data does not state
+UNSTATED = "units"
 
 
 class BarScale(NamedTuple):
@@ -90,7 +92,7 @@ def scale_of(subject: AnnotatedSubject, camera: Camera, stated: ScaleBar | None 
         return None
     pitch = float(camera.pixel_pitch(depth)) * lengths[0]
     length = (stated and stated.length_in(lengths[1])) or nice_below(WIDEST * camera.size[0] * pitch)
-    return BarScale(length / pitch, length_text(length, lengths[1]))
+    return BarScale(length / pitch, length_text(length, lengths[1] or UNSTATED))
 
 
 def length_text(length: float, unit: str) -> str:
@@ -131,7 +133,9 @@ def draw_scale_bar(layer: Canvas, view: AnnotationView) -> None:
             f"no scale bar of {stated.length:g} {stated.unit}: the data does not state its unit of length"
         )
         return
-    labels = [PERSPECTIVE, scale.label] if view.camera.perspective else [scale.label]
+    # a window states it in a tooltip
+    is_stated = view.camera.perspective and view.pixels is not None
+    labels = [PERSPECTIVE, scale.label] if is_stated else [scale.label]
     sizes = [layer.text_size(label) for label in labels]
     thick, (width, height) = stated.thickness or max(2, round(layer.em / 5)), layer.size
     wide = max(scale.pixels + 2 * layer.edge, *(size[0] for size in sizes))

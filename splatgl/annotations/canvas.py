@@ -26,6 +26,8 @@ from splatgl.transfer.transfer import Transfer
 FONT_SHARE, LEAST_FONT = 0.026, 11
 # subpixels along each axis of a line's pixel
 FINE = 4
+# unit of the lengths of a grid without one, whose steps are 1
+VOXELS = "voxels"
 # height of the font on paper, in points of 1/72 inch
 PAPER_FONT = 8.0
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
@@ -487,7 +489,9 @@ class AnnotatedSubject:
         of_bar = valued or volume
         colored = of_bar.color is not None
         title = ", ".join(filter(None, (of_bar.quantity or of_bar.name, of_bar.value_unit)))
-        center, unit = volume.center, volume.unit
+        # without a unit, a grid of steps of 1 has the lengths of its voxels
+        is_grid = volume.points is None and set(volume.spacing) == {1.0} and not volume.axes
+        center, unit = volume.center, volume.unit or VOXELS * is_grid
         legend = legend_of(layers)
         place = volume.corners, center, unit, volume.name, volume.frame
         return cls(*place, colored, title, axes=volume.axes, legend=legend)

@@ -286,6 +286,8 @@ PRESETS = {
         *MEDICAL,
     )
 }
+# groups of presets, by the first parts of their names
+GROUPS = {"CT": ("ct",), "MR": ("mr", "mri", "dti"), "Microscopy": ("microscopy", "mip"), "General": ()}
 # other names, in lower case
 ALIASES = {
     **{"ct-soft-tissue": "ct-soft", "mr-mip": "mip", "ct-mip": "mip"},
@@ -299,6 +301,15 @@ NEAR = 4
 def presets() -> dict[str, str]:
     """Returns descriptions of all presets, by name."""
     return {name: preset.about for name, preset in PRESETS.items()}
+
+
+def grouped_presets() -> dict[str, list[str]]:
+    """Names of the presets by group."""
+    group_of = {part: title for title, parts in GROUPS.items() for part in parts}
+    groups: dict[str, list[str]] = {title: [] for title in GROUPS}
+    for name in PRESETS:
+        groups[group_of.get(name.partition("-")[0], "General")].append(name)
+    return groups
 
 
 @public

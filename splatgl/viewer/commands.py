@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, auto
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +23,19 @@ from splatgl.scene.meshes import is_mesh
 from splatgl.scene.open_scene import on_background
 from splatgl.scene.view import ALONG, along, angles
 from splatgl.splat.settings import Settings, choices
+from splatgl.transfer.colormaps import CORE
 from splatgl.transfer.label_detection import NAMES
+from splatgl.transfer.presets import PRESETS, build_transfer, grouped_presets
+from splatgl.transfer.statistics import statistics
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts, start_lasso
 from splatgl.viewer.document import Document
+from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.measure_tool import FIRST_POINT
 from splatgl.viewer.movie_track import Preview, stop_preview
 from splatgl.viewer.segments import with_shown
 from splatgl.viewer.slice_planes import STRAIGHT, normals, turned, with_slices, with_turn
+from splatgl.viewer.slice_views import next_large
 from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, THEMES, ClipState, Lasso, PinnedView, Ruler, State
 from splatgl.viewer.trackball import NOTCH, Pose, up_direction
 
@@ -120,6 +126,13 @@ class OpenOption:
 
 
 @dataclass(frozen=True)
+class ShowSection:
+    """Opens a section of the panel."""
+
+    title: str
+
+
+@dataclass(frozen=True)
 class LeaveDocument:
     """Opens what the window asked about, None: closes it, although edits are not saved. saves: the scene before."""
 
@@ -127,14 +140,15 @@ class LeaveDocument:
     saves: bool = False
 
 
-Effect = WindowRequest | Copy | CopyText | Save | Open | OpenOption | LeaveDocument
+Effect = WindowRequest | Copy | CopyText | Save | Open | OpenOption | ShowSection | LeaveDocument
 Run = Callable[[State, Document], State | tuple[State, Effect]]
 
 
 @dataclass(frozen=True)
 class Command:
     """id: its name in key files; title: its help text; keys: the default ones; row: the help's text for commands alike
-    that share a row of it; menu: of MENUS.
+    that share a row of it; submenu: the list in its menu that it is in; words: others that find it; menu: of MENUS;
+    group: number of its part of the menu.
     """
 
     id: str
@@ -142,7 +156,10 @@ class Command:
     keys: tuple[str, ...]
     run: Run
     row: str = ""
+    submenu: str = ""
+    words: str = ""
     menu: str = ""
+    group: int = 0
 
     def __call__(self, state: State, document: Document) -> tuple[State, tuple[Effect, ...]]:
         """The next state, and what the window has to do."""
@@ -271,6 +288,49 @@ def with_settings(state: State, document: Document, settings: Settings) -> State
         points = tuple((value, opacity * then / now) for value, opacity in style.base.points)
         styles.append(replace(style, base=replace(style.base, points=points)) if is_ramp and then != now else style)
     return replace(state, settings=settings, styles=(*styles, *state.styles[len(styles) :]))
+
+
+def _choose(name: str, value: str) -> Run:
+    """Chooses a value of a setting, if the document can be drawn with it."""
+
+    def choose(state: State, document: Document) -> State:
+        change: dict[str, Any] = {name: value}
+        settings = state.settings.replace(**change)
+        why = why_not(settings, state, document)
+        return replace(state if why else with_settings(state, document, settings), message=why or f"{name} {value}")
+
+    return choose
+
+
+def curve_of(state: State, document: Document) -> LayerSplats | None:
+    """The selected layer, if it has a curve of opacity: neither segments, nor a mesh alone."""
+    layer = document.pool.get(state.style.number)
+    return None if layer is None or state.style.base.labels or is_mesh(layer.scene.volume) else layer
+
+
+NO_CURVE = "the selected layer has no curve of opacity"
+
+
+def _preset(name: str) -> Run:
+    def choose(state: State, document: Document) -> State:
+        layer = curve_of(state, document)
+        if layer is None:
+            return replace(state, message=NO_CURVE)
+        base = build_transfer(PRESETS[name], statistics(layer.volume), layer.stored)
+        # surfaces stay
+        base = replace(base, iso=state.style.stated.iso)
+        return replace(state.edit(base=base, extinction=1.0), message=f"preset {name}: {PRESETS[name].about}")
+
+    return choose
+
+
+def _color_map(name: str) -> Run:
+    def choose(state: State, document: Document) -> State:
+        if curve_of(state, document) is None:
+            return replace(state, message=NO_CURVE)
+        return replace(state.edit(base=replace(state.style.base, colormap=name)), message=f"colour map {name}")
+
+    return choose
 
 
 def _light(state: State, document: Document) -> State:
@@ -452,6 +512,10 @@ def _slices_in_space(state: State, document: Document) -> State:
     return with_slices(state, replace(state.slices, in_space=True), document.volume)
 
 
+def _large_slice(state: State, document: Document) -> State:
+    return replace(state, slices=next_large(state.slices, document.volume))
+
+
 def _turn_slices(axis: int, degrees: float) -> Run:
     def turn(state: State, document: Document) -> State:
         slices, about = state.slices, normals(state.slices, document.volume)[axis]
@@ -527,10 +591,10 @@ def _close(state: State, document: Document) -> State | tuple[State, Effect]:
 
 
 VIEW_KEYS = {"front": "1", "back": "ctrl+1", "right": "3", "left": "ctrl+3", "top": "7", "bottom": "ctrl+7"}
-LASSO, OVER = "remove, or keep, what a lasso encloses", "axes and scale, colour bar, box"
+LASSO, OVER = "lasso: remove, or keep, what it encloses", "axes and scale, colour bar, box"
 SLICE_LOOKS, SLICE_TURNS = "slices in colours; as planes", "turn slices about x, y, z; shift: back"
 FRONTS, BACKS = "view from the front, right, top", "view from the back, left, bottom"
-TURNS, ROLLS, KEEPS = "turn the view", "roll to the left, right", "keep more, fewer voxels"
+ROTATE, ROLLS, KEEPS = ("turn the view", "Rotate"), "roll to the left, right", "keep more, fewer voxels"
 # what the message of the command adds
 BEYOND = ", in composite, beyond z_k"
 
@@ -541,117 +605,331 @@ def _view_command(view: str, key: str) -> Command:
     return Command(view, f"view from the {view}{name}, along {ALONG[view].upper()}", (key,), _view(view), row)
 
 
-# the window's menus, and the groups of its help
-MENUS: dict[str, tuple[Command, ...]] = {
+# sections of the panel, and other words that find them
+SECTIONS = {
+    "Look": "appearance display properties volume rendering contrast brightness level range gamma",
+    "Transfer function": "histogram curve opacity gradient mapping scalar points editor",
+    "Layers": "channels list tree pipeline outliner visibility merge",
+    "Iso-surfaces": "contour isosurface isovalue marching cubes model",
+    "Light": "lighting shading shadows ambient occlusion diffuse specular shininess material",
+    "Rendering": "quality samples antialiasing depth",
+    "Advanced": "performance tolerance sampling diagnostics",
+    "View": "background colour annotations display",
+    "Slices": "axial coronal sagittal mpr reformat",
+    "Clipping": "crop roi box plane",
+    "Measures": "ruler markups distance angle",
+    "Record": "movie animation video export fps",
+    "Files": "recent history dataset folder",
+    "Statistics": "information metadata header dimensions spacing units mean",
+}
+
+
+def _section(title: str) -> Command:
+    name = f"section-{title.lower().replace(' ', '-')}"
+    return Command(name, f"panel: {title.lower()}", (), _request(ShowSection(title)), submenu="Panel section")
+
+
+def _blend(name: str) -> Command:
+    return Command(f"blend-{name}", f"blend: {name}", (), _choose("blend", name), submenu="Blend")
+
+
+# the window's menus, in parts with lines between them, and the groups of its help
+MENUS: dict[str, tuple[tuple[Command, ...], ...]] = {
     "File": (
-        Command("open", "open files", ("ctrl+o",), _request(Open())),
-        Command("add-layer", "add a volume, segmentation or mesh", ("ctrl+shift+o",), _request(Open(adds=True))),
-        Command("save-as", "save the scene or the picture as", ("ctrl+s",), _request(WindowRequest.SAVE_AS)),
-        Command("screenshot", "save the picture (PNG)", ("s", "f12"), _request(WindowRequest.SAVE_PICTURE)),
-        Command("save", "save the floats (NPY) and the scene", ("shift+s",), _request(WindowRequest.SAVE_SCENE)),
-        Command("copy-command", "copy the picture as a command", (), _request(Copy.COMMAND)),
-        Command("copy-python", "copy the picture as Python", (), _request(Copy.PYTHON)),
-        Command("copy-scene", "copy the picture as a scene file", (), _request(Copy.SCENE)),
-        Command("quit", "quit", ("q", "ctrl+q"), _request(WindowRequest.QUIT)),
+        (
+            Command("open", "open files...", ("ctrl+o",), _request(Open())),
+            Command("add-layer", "add a volume, segmentation or mesh...", ("ctrl+shift+o",), _request(Open(adds=True))),
+        ),
+        (
+            Command("save-as", "save the scene or the picture as...", ("ctrl+s",), _request(WindowRequest.SAVE_AS)),
+            Command("screenshot", "save image (PNG)", ("s", "f12"), _request(WindowRequest.SAVE_PICTURE)),
+            Command("save", "save the floats (NPY) and the scene", ("shift+s",), _request(WindowRequest.SAVE_SCENE)),
+        ),
+        (
+            Command("copy-command", "copy as command", (), _request(Copy.COMMAND)),
+            Command("copy-python", "copy as Python", (), _request(Copy.PYTHON)),
+            Command("copy-scene", "copy as scene file", (), _request(Copy.SCENE)),
+        ),
+        (Command("quit", "quit", ("q", "ctrl+q"), _request(WindowRequest.QUIT)),),
     ),
     "Edit": (
-        Command("undo", "undo the last change", ("ctrl+z",), _request(WindowRequest.UNDO)),
-        Command("redo", "redo what was undone", ("ctrl+shift+z", "ctrl+y"), _request(WindowRequest.REDO)),
-        Command("handles", "handles of the clip box and clip planes", ("x",), _handles),
-        Command("cuts", "cuts on or off", ("shift+x",), _cuts),
-        Command("plane", "add a clip plane that faces the camera", ("ctrl+x",), _plane),
-        Command("scissors", "remove what a lasso encloses", ("ctrl+shift+x",), start_lasso(keep=False), LASSO),
-        Command("scissors-keep", "keep only what a lasso encloses", ("alt+x",), start_lasso(keep=True), LASSO),
-        Command("uncut", "remove all cuts", ("delete",), _uncut),
-        Command("segments-show", "show all segments", (), _segments(True)),
-        Command("segments-hide", "hide all segments", (), _segments(False)),
+        (
+            Command("undo", "undo", ("ctrl+z",), _request(WindowRequest.UNDO)),
+            Command("redo", "redo", ("ctrl+shift+z", "ctrl+y"), _request(WindowRequest.REDO)),
+        ),
+        (
+            Command("handles", "crop box and handles of clip planes", ("x",), _handles),
+            Command("plane", "clip plane that faces the camera", ("ctrl+x",), _plane),
+            Command("scissors", "lasso: remove what it encloses", ("ctrl+shift+x",), start_lasso(keep=False), LASSO),
+            Command("scissors-keep", "lasso: keep only what it encloses", ("alt+x",), start_lasso(keep=True), LASSO),
+            Command("cuts", "clipping on or off", ("shift+x",), _cuts),
+            Command("uncut", "remove crop box, clip planes and lassos", ("delete",), _uncut),
+        ),
+        (
+            Command("segments-show", "show all segments", (), _segments(True)),
+            Command("segments-hide", "hide all segments", (), _segments(False)),
+        ),
     ),
     "View": (
-        Command("reset", "back to the first view", ("r", "home"), _reset),
-        Command("isometric", "isometric view", ("v", "9"), _view("isometric")),
-        *(_view_command(view, key) for view, key in VIEW_KEYS.items()),
-        Command("projection", "perspective or orthographic", ("p", "5"), _projection),
-        Command("turn-left", "turn the view to the left", ("left",), _move(lambda p, up: p.spun(-TURN, up)), TURNS),
-        Command("turn-right", "turn the view to the right", ("right",), _move(lambda p, up: p.spun(TURN, up)), TURNS),
-        Command("turn-up", "move the camera up", ("up",), _move(lambda p, up: p.lifted(TURN)), TURNS),
-        Command("turn-down", "move the camera down", ("down",), _move(lambda p, up: p.lifted(-TURN)), TURNS),
-        Command("zoom-in", "nearer", ("+", "="), _zoom(NOTCH), "nearer, farther"),
-        Command("zoom-out", "farther", ("-",), _zoom(1 / NOTCH), "nearer, farther"),
-        Command("roll-left", "roll to the left", ("page_up",), _move(lambda p, up: p.tipped(-ROLL)), ROLLS),
-        Command("roll-right", "roll to the right", ("page_down",), _move(lambda p, up: p.tipped(ROLL)), ROLLS),
-        Command("turn", "rotate automatically, or stop", ("space",), _rotate("turning")),
-        Command("turntable", "turntable or trackball rotation", ("u",), _turntable),
-        Command("ground", "another background", ("n",), _ground),
-        Command("pin", "pin this view next to the main view", ("ctrl+d",), _pin),
-        Command("fullscreen", "fullscreen", ("f11", "f"), _rotate("fullscreen")),
-        Command("panel", "show or hide the panel", ("tab",), _rotate("panel")),
-        Command("focus", "keyboard focus: panel or picture", ("f6",), _request(WindowRequest.FOCUS)),
-        Command("theme", "dark or light panel", (), _rotate("theme", THEMES)),
-        Command("hud", "frame information: short, full, or off", ("i",), _rotate("hud", HUDS)),
+        (
+            Command("reset", "reset view", ("r", "home"), _reset),
+            Command("isometric", "isometric view", ("v", "9"), _view("isometric")),
+            *(_view_command(view, key) for view, key in VIEW_KEYS.items()),
+            Command("projection", "perspective or orthographic", ("p", "5"), _projection),
+        ),
+        (
+            Command("zoom-in", "zoom in", ("+", "="), _zoom(NOTCH), "zoom in, out"),
+            Command("zoom-out", "zoom out", ("-",), _zoom(1 / NOTCH), "zoom in, out"),
+            Command(
+                "turn-left", "turn the view to the left", ("left",), _move(lambda p, up: p.spun(-TURN, up)), *ROTATE
+            ),
+            Command(
+                "turn-right", "turn the view to the right", ("right",), _move(lambda p, up: p.spun(TURN, up)), *ROTATE
+            ),
+            Command("turn-up", "move the camera up", ("up",), _move(lambda p, up: p.lifted(TURN)), *ROTATE),
+            Command("turn-down", "move the camera down", ("down",), _move(lambda p, up: p.lifted(-TURN)), *ROTATE),
+            Command(
+                "roll-left", "roll to the left", ("page_up",), _move(lambda p, up: p.tipped(-ROLL)), ROLLS, "Rotate"
+            ),
+            Command(
+                "roll-right", "roll to the right", ("page_down",), _move(lambda p, up: p.tipped(ROLL)), ROLLS, "Rotate"
+            ),
+            Command("turn", "rotate automatically, or stop", ("space",), _rotate("turning")),
+            Command("turntable", "turntable or trackball rotation", ("u",), _turntable),
+        ),
+        (
+            Command("pin", "compare side by side", ("ctrl+d",), _pin),
+            Command("ground", "next background", ("n",), _ground),
+            Command("hud", "frame information: short, full, or off", ("i",), _rotate("hud", HUDS)),
+        ),
+        (
+            Command("panel", "panel", ("tab",), _rotate("panel")),
+            *map(_section, SECTIONS),
+            Command("focus", "keyboard focus: panel or picture", ("f6",), _request(WindowRequest.FOCUS)),
+            Command("theme", "theme: dark or light", (), _rotate("theme", THEMES)),
+            Command("fullscreen", "fullscreen", ("f11", "f"), _rotate("fullscreen")),
+        ),
     ),
     "Picture": (
-        Command("blend", "next blend mode", ("b",), _cycle("blend")),
-        Command("light", "next light: head, matte, glossy, flat", ("l",), _light),
-        Command("opacity-down", "less opaque", ("[",), _opacity(1 / OPACITY_STEP), "less, more opaque"),
-        Command("opacity-up", "more opaque", ("]",), _opacity(OPACITY_STEP), "less, more opaque"),
-        Command("threshold-down", "lower threshold: keep more voxels", (",",), _threshold(1 / THRESHOLD_STEP), KEEPS),
-        Command("threshold-up", "higher threshold: keep fewer voxels", (".",), _threshold(THRESHOLD_STEP), KEEPS),
-        Command("annotations", "axes, scale bar and patient directions", ("j",), _annotations, OVER),
-        *(
-            Command(row.name, row.title, (row.key,), _annotation(row), OVER)
-            for row in ANNOTATIONS.values()
-            if row.key and not row.default
+        (
+            *map(_blend, choices()["blend"]),
+            *(
+                Command(f"preset-{name}", f"preset: {name}", (), _preset(name), submenu=f"Preset: {title}")
+                for title, names in grouped_presets().items()
+                for name in names
+            ),
+            *(
+                Command(f"colormap-{name}", f"colour map: {name}", (), _color_map(name), submenu="Colour map")
+                for name in CORE
+            ),
+            Command("blend", "next blend mode", ("b",), _cycle("blend")),
+            Command("light", "next light: head, matte, glossy, flat", ("l",), _light),
         ),
-        Command("compare", "float64 reference, or the difference to it", ("d",), _compare),
-        Command("motion", "next motion blur, while turning", ("m",), _blur),
-        Command("classification", "classify before reconstruction, or after", ("c",), _cycle("classification")),
-        Command("compositing", "composite splats, or sheets of them", ("o",), _cycle("compositing")),
-        Command("antialias", "next kind of antialiasing", ("a",), _cycle("antialias")),
-        Command("align", "next alignment of the splats", ("g",), _cycle("align")),
-        Command("attenuation", "next form of attenuation beyond z_k", ("w",), _cycle("attenuation", BEYOND)),
-        Command("beyond", "the z_k plane, and splats beyond it", ("k",), _show_zk),
+        (
+            Command("opacity-down", "less opaque", ("[",), _opacity(1 / OPACITY_STEP), "less, more opaque"),
+            Command("opacity-up", "more opaque", ("]",), _opacity(OPACITY_STEP), "less, more opaque"),
+            Command("threshold-down", "threshold lower: more voxels", (",",), _threshold(1 / THRESHOLD_STEP), KEEPS),
+            Command("threshold-up", "threshold higher: fewer voxels", (".",), _threshold(THRESHOLD_STEP), KEEPS),
+        ),
+        (
+            Command("annotations", "axes, scale bar and patient directions", ("j",), _annotations, OVER),
+            *(
+                Command(row.name, row.title, (row.key,), _annotation(row), OVER)
+                for row in ANNOTATIONS.values()
+                if row.key and not row.default
+            ),
+        ),
+        (
+            Command("compare", "float64 reference, or the difference to it", ("d",), _compare),
+            Command("motion", "next motion blur, while turning", ("m",), _blur),
+            Command("classification", "classify before reconstruction, or after", ("c",), _cycle("classification")),
+            Command("compositing", "composite splats, or sheets of them", ("o",), _cycle("compositing")),
+            Command("antialias", "next kind of antialiasing", ("a",), _cycle("antialias")),
+            Command("align", "next alignment of the splats", ("g",), _cycle("align")),
+            Command("attenuation", "next form of attenuation beyond z_k", ("w",), _cycle("attenuation", BEYOND)),
+            Command("beyond", "the z_k plane, and splats beyond it", ("k",), _show_zk),
+        ),
     ),
     "Tools": (
-        Command("probe", "the value under the cursor", ("y",), _probe),
-        Command("measure", "distance between two clicked points", ("e",), _measure(is_angle=False)),
-        Command("angle", "angle between three clicked points", (), _measure(is_angle=True)),
-        Command("slices", "slices: the wheel and clicks move them", ("z",), _slices),
-        Command("slice-colors", "slices in grey or in colours", ("shift+z",), _slice_colors, SLICE_LOOKS),
-        Command("slices-in-space", "slices as planes in the picture", ("alt+z",), _slices_in_space, SLICE_LOOKS),
-        *(
-            Command(
-                f"turn-slices-{way}{name}",
-                f"turn slices {way[:-1]}{' ' * bool(way)}about {name}",
-                (f"alt+{key}{n + 1}",),
-                _turn_slices(n, turn),
-                SLICE_TURNS,
-            )
-            for way, key, turn in (("", "", SLICE_TURN), ("back-", "shift+", -SLICE_TURN))
-            for n, name in enumerate("xyz")
+        (
+            Command("probe", "value at the cursor", ("y",), _probe),
+            Command("measure", "measure distance between two clicked points", ("e",), _measure(is_angle=False)),
+            Command("angle", "measure angle between three clicked points", (), _measure(is_angle=True)),
         ),
-        Command("straighten-slices", "slices along the axes again", ("alt+0",), _straighten),
-        Command("play", "play a time series, or stop", ("enter",), _play),
-        Command("earlier", "the time point before", ("<",), _time(-1), "the time point before, after"),
-        Command("later", "the next time point", (">",), _time(1), "the time point before, after"),
-        Command("keyframe", "add the view to the movie's keyframes", (), _keyframe),
-        Command("preview", "preview the movie, or stop", (), _preview),
-        Command("record", "record the movie", (), _request(WindowRequest.RECORD)),
-        Command("record-as", "record the movie as", (), _request(WindowRequest.RECORD_AS)),
-        Command("cancel-recording", "cancel the recording", (), _request(WindowRequest.CANCEL_RECORDING)),
-        Command("copy-movie", "copy the movie as a command", (), _request(WindowRequest.COPY_MOVIE)),
+        (
+            Command("slices", "slices: the wheel and clicks move them", ("z",), _slices),
+            Command("large-slice", "one large slice, the next one, or all three", ("shift+l",), _large_slice),
+            Command("slice-colors", "slices in grey or in colours", ("shift+z",), _slice_colors, SLICE_LOOKS),
+            Command("slices-in-space", "slices as planes in the picture", ("alt+z",), _slices_in_space, SLICE_LOOKS),
+            *(
+                Command(
+                    f"turn-slices-{way}{name}",
+                    f"turn slices {way[:-1]}{' ' * bool(way)}about {name}",
+                    (f"alt+{key}{n + 1}",),
+                    _turn_slices(n, turn),
+                    SLICE_TURNS,
+                    "Turn slices",
+                )
+                for way, key, turn in (("", "", SLICE_TURN), ("back-", "shift+", -SLICE_TURN))
+                for n, name in enumerate("xyz")
+            ),
+            Command("straighten-slices", "slices along the axes again", ("alt+0",), _straighten, submenu="Turn slices"),
+        ),
+        (
+            Command("play", "play a time series, or stop", ("enter",), _play),
+            Command("earlier", "the time point before", ("<",), _time(-1), "the time point before, after"),
+            Command("later", "the next time point", (">",), _time(1), "the time point before, after"),
+        ),
+        (
+            Command("keyframe", "add the view to the movie's keyframes", (), _keyframe),
+            Command("preview", "preview the movie, or stop", (), _preview),
+            Command("record", "record the movie", (), _request(WindowRequest.RECORD)),
+            Command("record-as", "record the movie as...", (), _request(WindowRequest.RECORD_AS)),
+            Command("cancel-recording", "cancel the recording", (), _request(WindowRequest.CANCEL_RECORDING)),
+            Command("copy-movie", "copy the movie as a command", (), _request(WindowRequest.COPY_MOVIE)),
+        ),
     ),
     "Help": (
-        Command("palette", "find a command", ("ctrl+p",), _request(WindowRequest.PALETTE)),
-        Command("help", "all keys", ("?", "f1"), _rotate("help")),
-        Command("close", "close the open panel, or cancel", ("escape",), _close),
+        (
+            Command("palette", "find a command", ("ctrl+p",), _request(WindowRequest.PALETTE)),
+            Command("help", "help: all keys", ("?", "f1"), _rotate("help")),
+            Command("close", "close the open panel, or cancel", ("escape",), _close),
+        ),
     ),
 }
-COMMANDS = tuple(replace(command, menu=menu) for menu, commands in MENUS.items() for command in commands)
+# words of ParaView, 3D Slicer, napari and Fiji that find commands, beside those of their titles
+WORDS = {
+    "open": "load import file data volume dataset recent stack dicom",
+    "add-layer": "layer overlay mesh model label labels segmentation merge load import",
+    "save-as": "export write picture image movie state project",
+    "screenshot": "export picture capture snapshot write",
+    "save": "export state project write",
+    "copy-command": "clipboard script macro shell reproduce",
+    "copy-python": "clipboard script macro code trace reproduce",
+    "copy-scene": "clipboard state toml",
+    "quit": "exit close window",
+    "undo": "back revert",
+    "redo": "again forward",
+    "handles": "roi cropping region bounds widget cut trim",
+    "plane": "clipping cutaway section cut oblique",
+    "scissors": "cut erase crop polygon delete sculpt",
+    "scissors-keep": "cut crop polygon isolate",
+    "cuts": "crop toggle",
+    "uncut": "reset clear delete uncrop whole",
+    "segments-show": "labels visibility structures",
+    "segments-hide": "labels visibility structures",
+    "reset": "home fit centre camera recenter all frame",
+    "isometric": "camera 3d oblique",
+    "front": "coronal camera",
+    "back": "coronal camera",
+    "left": "sagittal side camera",
+    "right": "sagittal side camera",
+    "top": "axial transverse camera",
+    "bottom": "axial transverse camera",
+    "projection": "parallel ortho camera 3d",
+    "zoom-in": "nearer closer dolly magnify",
+    "zoom-out": "farther dolly",
+    "turn": "spin orbit animate rock",
+    "turntable": "orbit interaction style",
+    "pin": "split link layout dual linked views",
+    "ground": "white black colour",
+    "hud": "info text status renderer gpu",
+    "panel": "sidebar dock hide show properties inspector",
+    "theme": "appearance preferences settings dark mode",
+    "fullscreen": "maximize full screen",
+    "blend": "mip maximum minimum mean average projection x-ray volume rendering mode",
+    "blend-composite": "alpha volume rendering dvr",
+    "blend-xray": "x-ray sum drr radiograph",
+    "blend-mip": "maximum intensity projection",
+    "blend-attenuated-mip": "maximum intensity projection",
+    "blend-minip": "minimum intensity projection",
+    "blend-mean": "average intensity projection",
+    "light": "lighting shading shade headlight",
+    "opacity-down": "opacity transparency transparent alpha",
+    "opacity-up": "opacity transparency solid alpha",
+    "annotations": "scale bar orientation marker triad letters overlay calibration",
+    "colorbar": "legend scalar lut",
+    "legend": "names key",
+    "box": "bounding outline cube grid",
+    "compare": "accuracy error check",
+    "motion": "streaks",
+    "antialias": "quality smooth supersampling",
+    "probe": "pick pixel intensity inspect coordinates crosshair position hover",
+    "measure": "ruler length line markups caliper",
+    "angle": "protractor markups",
+    "slices": "mpr orthogonal views axial coronal sagittal four-up crosshair 2d",
+    "large-slice": "maximize 2d axial coronal sagittal single view layout",
+    "slices-in-space": "reslice orthoplanes 3d",
+    "play": "animation frames time 4d",
+    "earlier": "previous frame back",
+    "later": "frame forward",
+    "keyframe": "animation camera path",
+    "preview": "animation",
+    "record": "video animation export mp4",
+    "record-as": "video animation export mp4 gif",
+    "palette": "search command menu",
+    "help": "shortcuts hotkeys manual about",
+    "close": "dismiss stop",
+}
+WORDS |= {f"section-{title.lower().replace(' ', '-')}": words for title, words in SECTIONS.items()}
+COMMANDS = tuple(
+    replace(command, menu=menu, group=number, words=f"{command.submenu} {WORDS.get(command.id, '')}")
+    for menu, groups in MENUS.items()
+    for number, commands in enumerate(groups)
+    for command in commands
+)
+# whether the switch of a command is on, or the choice that it makes is made
+TICKS: dict[str, Callable[[State], bool]] = {
+    **{name: attrgetter(name) for name in ("panel", "turntable", "fullscreen", "probe", "help")},
+    **{f"blend-{name}": lambda state, name=name: state.settings.blend == name for name in choices()["blend"]},
+    **{f"colormap-{name}": lambda state, name=name: state.style.base.colormap == name for name in CORE},
+    **{name: lambda state, name=name: text_of(state.annotate, name) is not None for name in ANNOTATIONS},
+    "handles": lambda state: state.cuts.shown,
+    "large-slice": lambda state: state.slices.shown and state.slices.large is not None,
+    "cuts": lambda state: state.cuts.any and state.cuts.active,
+    "turn": lambda state: state.turning,
+    "pin": lambda state: state.pinned is not None,
+    "compare": lambda state: state.compare != "off",
+    "beyond": lambda state: state.show_zk,
+    "measure": lambda state: state.ruler.active and not state.ruler.angle,
+    "angle": lambda state: state.ruler.active and state.ruler.angle,
+    "slices": lambda state: state.slices.shown,
+    "slice-colors": lambda state: state.slices.colored,
+    "slices-in-space": lambda state: bool(state.slice_planes),
+    "play": lambda state: state.playing,
+    "preview": lambda state: state.preview is not None,
+}
+# whether a command, or those whose names begin with a word, do something; all others always do
+ENABLED: dict[str, Callable[[State, Document], bool]] = {
+    **dict.fromkeys(("preset", "colormap"), lambda state, document: curve_of(state, document) is not None),
+    "segments": lambda state, document: bool(state.style.base.labels),
+    "threshold": lambda state, document: not state.settings.needs_values,
+    "cuts": lambda state, document: state.cuts.any,
+    "uncut": lambda state, document: state.cuts.any or bool(state.styles[0].scissors),
+    "plane": lambda state, document: len(state.cuts.planes) < MOST_PLANES,
+    "colorbar": lambda state, document: document.volume.color is None,
+    "straighten": lambda state, document: state.slices.turn != STRAIGHT,
+    **dict.fromkeys(("play", "earlier", "later"), lambda state, document: state.times > 1),
+}
+
+
+def is_ticked(command: Command, state: State) -> bool:
+    """Whether the switch of a command is on; False for commands without one."""
+    return command.id in TICKS and bool(TICKS[command.id](state))
+
+
+def is_enabled(command: Command, state: State, document: Document) -> bool:
+    """Whether a command does something in a state."""
+    rule = ENABLED.get(command.id) or ENABLED.get(command.id.partition("-")[0])
+    return rule is None or rule(state, document)
+
+
 MOUSE = (
     ("left drag", "turn"),
     ("shift, ctrl+left drag", "pan, roll"),
     ("wheel, right drag", "zoom to the cursor"),
     ("double click", "turn about the point under the cursor"),
+    ("double click a slice", "show it large, or all three"),
     ("drop a file", "open it, add it, or play a series"),
 )
 

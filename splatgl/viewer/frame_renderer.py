@@ -122,6 +122,8 @@ class FrameRenderer:
         self.overlay_beside: Overlay | None = None
         # lines of text, and their corner
         self.words: tuple[str, ...] = ()
+        # lower end of the texts at the upper left, pixels
+        self.written_to = 0
         self.corner = "top left"
         self.written = -1e9
         # measured seconds of a whole frame in motion
@@ -227,6 +229,8 @@ class FrameRenderer:
         if (wanted, pinned) == (self.overlay, self.overlay_beside):
             return False
         self.overlay, self.overlay_beside = wanted, pinned
+        boxes = [text_box(text, wanted.size, scale) for text in wanted.texts if text.corner == "top left"]
+        self.written_to = max((bottom for _, _, _, bottom in boxes), default=0)
         drawn = draw_overlay(wanted)
         if pinned is not None:
             beside = draw_overlay(pinned).copy()

@@ -63,14 +63,12 @@ class DisplayedFrame:
 
 
 def short_lines(state: State, document: Document, frame: DisplayedFrame | None, busy: str | None) -> tuple[str, ...]:
-    """File, view and quality."""
+    """File and quality."""
     name = document.volume.name or document.scene.volume
-    camera = state.pose.camera
-    view = f"perspective, {state.pose.fov:.3g} degrees" if camera.perspective else "orthographic"
     notes = [document.stand_in.note] if document.stand_in and document.stand_in.note else []
     if document.is_loading:
         return (name, *([busy] if busy else []))
-    return (name, *notes, view, busy or progress_text(frame))
+    return (name, *notes, busy or progress_text(frame))
 
 
 def full_lines(state: State, document: Document, frame: DisplayedFrame | None, busy: str | None) -> tuple[str, ...]:
@@ -237,7 +235,7 @@ PLANES: tuple[LineColor, ...] = ((1.0, 0.62, 0.2, 0.95), (0.45, 0.9, 0.45, 0.95)
 RULER: LineColor = (1.0, 0.85, 0.3, 1.0)
 RESTING: LineColor = (0.7, 0.7, 0.7, 0.7)
 # pixels at a content scale of 1
-LINE, DOT, TIP = 1.5, 11.0, 8.0
+LINE, DOT, TIP, EDGE = 1.5, 11.0, 8.0, 6.0
 
 
 class Overlays:
@@ -299,6 +297,16 @@ def ruler_marks(ruler: Ruler, camera: Camera, scale: float) -> list[Stroke]:
     dots = [(float(x), float(y)) for x, y in project(camera, points) if np.isfinite(x)]
     strokes = _lines(camera, list(pairwise(points)), RULER, LINE * scale)
     return [*strokes, *(Stroke(dot, dot, RULER, TIP * scale, scale) for dot in dots)]
+
+
+def readout_label(lines: tuple[str, ...], top: int, edge: float, scale: float) -> tuple[Sprite, ...]:
+    """The label of what is under the cursor, at the left below `top`, if it ends left of `edge`, pixels."""
+    if not lines:
+        return ()
+    text, gap = label(lines, scale), round(EDGE * scale)
+    high, wide = text.shape[:2]
+    place = (float(gap), float(top + gap), float(gap + wide), float(top + gap + high))
+    return (Sprite(text, place),) if place[2] <= edge else ()
 
 
 def _value_label(state: State, document: Document, cursor: Place, scale: float) -> list[Sprite]:

@@ -39,6 +39,7 @@ class JobKind(Enum):
     EXTRACT = auto()
     SLICE = auto()
     REFERENCE = auto()
+    PICK = auto()
 
 
 class JobCancelled(Exception):

@@ -16,7 +16,15 @@ from splatgl.splat.segment_surfaces import SMOOTHING
 from splatgl.transfer.colormaps import colormap
 from splatgl.viewer.document import Document
 from splatgl.viewer.layer_splats import LayerSplats
-from splatgl.viewer.panel_sections import OPACITY, CommandWidgets, label_left, pick_color, pick_opacity, shorten
+from splatgl.viewer.panel_sections import (
+    OPACITY,
+    CommandWidgets,
+    label_left,
+    pick_color,
+    pick_opacity,
+    shorten,
+    show_tip,
+)
 from splatgl.viewer.segments import (
     Segment,
     find_segments,
@@ -89,7 +97,7 @@ def move_layer(state: State, number: int, action: str) -> State:
 def _draw_layer(state: State, number: int, style: LayerStyle, name: str) -> State:
     """Visibility, name and opacity of a layer, its colour if it has a single one, and its menu."""
     _, visible = imgui.checkbox("##seen", style.visible)
-    imgui.set_item_tooltip("Show or hide it.")
+    show_tip("Show or hide it.")
     imgui.same_line()
     room = imgui.get_content_region_avail().x
     imgui.push_style_color(imgui.Col_.header, imgui.get_style_color_vec4(imgui.Col_.button_hovered))
@@ -98,7 +106,7 @@ def _draw_layer(state: State, number: int, style: LayerStyle, name: str) -> Stat
     if imgui.selectable(shown, state.selected == number, size=(room * NAME, 0.0))[0]:
         state = replace(state, selected=number)
     imgui.pop_style_color()
-    imgui.set_item_tooltip(f"{plain(name)}: a click selects it. Its curve or segments below, and keys, edit it.")
+    show_tip(f"{plain(name)}: a click selects it. Its curve or segments below, and keys, edit it.")
     edited = replace(style, visible=visible, opacity=pick_opacity(style.opacity, room))
     # for others, the colour map is chosen below
     if style.base.colormap.startswith("#"):
@@ -111,12 +119,12 @@ def _draw_layer(state: State, number: int, style: LayerStyle, name: str) -> Stat
 
 def _draw_mesh(state: State, document: Document, number: int, mesh: MeshFile) -> State:
     _, visible = imgui.checkbox("##seen", mesh.visible)
-    imgui.set_item_tooltip("Show or hide it.")
+    show_tip("Show or hide it.")
     imgui.same_line()
     room, left = imgui.get_content_region_avail().x, imgui.get_cursor_pos_x()
     imgui.align_text_to_frame_padding()
     imgui.text(shorten(plain(mesh.name), room * NAME))
-    imgui.set_item_tooltip(plain(mesh.name))
+    show_tip(plain(mesh.name))
     opacity = pick_opacity(mesh.opacity, room, left + room * NAME + imgui.get_style().item_spacing.x)
     data = document.mesh(mesh)
     uniform = data is not None and data.colors is None and data.values is None
@@ -141,7 +149,7 @@ def _draw_menu(entry: T, name: str, is_movable: bool) -> tuple[T, str]:
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(imgui.get_content_region_avail().x - wide, 0.0))
     if imgui.small_button("..."):
         imgui.open_popup("##menu")
-    imgui.set_item_tooltip("Rename, move or remove it.")
+    show_tip("Rename, move or remove it.")
     imgui.set_next_window_size((MENU * imgui.get_style().font_scale_main, 0.0))
     action = ""
     if imgui.begin_popup("##menu"):
@@ -219,7 +227,7 @@ def _row(style: LayerStyle, segment: Segment) -> tuple[LayerStyle, bool]:
     number = segment.number
     room = imgui.get_content_region_avail().x
     changed, is_shown = imgui.checkbox("##seen", number not in style.hidden)
-    imgui.set_item_tooltip("Show or hide it.")
+    show_tip("Show or hide it.")
     if changed:
         style = with_shown(style, [number], is_shown)
     color = pick_color(segment.color)
@@ -227,7 +235,7 @@ def _row(style: LayerStyle, segment: Segment) -> tuple[LayerStyle, bool]:
     imgui.align_text_to_frame_padding()
     wide = _name_width(room)
     clicked = imgui.selectable(shorten(plain(segment.name), wide), False, size=(wide, 0.0))[0]
-    imgui.set_item_tooltip(
+    show_tip(
         f"{plain(segment.name)}, number {number}: a click centres it and fits the view to it, a right click renames it."
     )
     style = _rename(style, segment)
@@ -237,7 +245,7 @@ def _row(style: LayerStyle, segment: Segment) -> tuple[LayerStyle, bool]:
     imgui.same_line()
     if imgui.small_button(ONLY):
         style = with_only(style, number)
-    imgui.set_item_tooltip("Shows it, and hides all others.")
+    show_tip("Shows it, and hides all others.")
     imgui.pop_id()
     return style, clicked
 

@@ -12,10 +12,12 @@ from splatgl.errors import InputError
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.clipping import Clip, Plane
 from splatgl.geometry.view import eye_from_index
+from splatgl.planning.scene import Scene
 from splatgl.reference.depth_pick import Picked, pick
 from splatgl.splat.splats import Splats
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document
+from splatgl.viewer.jobs import JobKind, Jobs
 from splatgl.viewer.segments import segment_name
 from splatgl.viewer.state import State
 from splatgl.viewer.trackball import Place, Pointer, Tool, Viewport
@@ -26,15 +28,54 @@ CORNER, NEXT_POINT = "click on the corner of the angle", "click on the last poin
 
 def under_cursor(state: State, document: Document, place: Place) -> Picked | None:
     """The sample or mesh visible at a pixel; None if there is none, or the volume is not in memory."""
-    pixel = tuple(int(np.floor(each)) for each in place)
+    pixel = (int(np.floor(place[0])), int(np.floor(place[1])))
     width, height = state.pose.camera.size
     if document.is_loading or not (0 <= pixel[0] < width and 0 <= pixel[1] < height):
         return None
-    scene = document.scene_at(1, state.settings.clip)
+    return _picked(document.scene_at(1, state.settings.clip), state, pixel)
+
+
+def _picked(scene: Scene, state: State, pixel: tuple[int, int]) -> Picked | None:
     try:
         return pick(scene, state.pose.camera, pixel, settings=state.settings.replace(clip=()))
     except InputError:
         return None
+
+
+class Readout:
+    """Value, position and label under the cursor, which a thread picks: one pixel at a time, the latest one next.
+    lines: the latest text, none where nothing is seen.
+    """
+
+    def __init__(self, jobs: Jobs) -> None:
+        self.jobs = jobs
+        self.lines: tuple[str, ...] = ()
+        # what the lines are of, or will be
+        self.key: tuple[object, ...] = ()
+
+    def look(self, state: State, document: Document, cursor: Place | None) -> None:
+        """Picks what is under the cursor, once for each pixel and picture; None: nothing is."""
+        pixel = None if cursor is None else (int(np.floor(cursor[0])), int(np.floor(cursor[1])))
+        size = state.pose.camera.size
+        if pixel is None or not (0 <= pixel[0] < size[0] and 0 <= pixel[1] < size[1]) or not document.is_complete:
+            self.key, self.lines = (), ()
+            return
+        key = pixel, state.pose, state.settings, document
+        if key == self.key or self.jobs.busy:
+            return
+        self.key, scene = key, document.scene_at(1, state.settings.clip)
+        self.jobs.submit(JobKind.PICK, "picking", lambda: (key, _picked(scene, state, pixel)))
+
+    def collect(self, document: Document) -> bool:
+        """Takes what was picked; whether there was anything."""
+        news = self.jobs.collect()
+        for done in news:
+            if done.error is not None:
+                raise done.error
+            key, found = done.value
+            if key == self.key:
+                self.lines = () if found is None else describe_pick(found, document)
+        return bool(news)
 
 
 def describe_pick(pick: Picked | None, document: Document) -> tuple[str, ...]:
@@ -47,9 +88,10 @@ def describe_pick(pick: Picked | None, document: Document) -> tuple[str, ...]:
         return (pick.name or "mesh", f"at {place}{' ' + unit if unit else ''}")
     index = ", ".join(f"{number:.0f}" for number in pick.index)
     style = [style for style in document.styles if style.is_shown][pick.layer]
+    name = style.title or (pick.name if len(document.drawn_layers) > 1 else "")
     segment = segment_name(style, document.drawn_layers[pick.layer].volume, pick.value)
     return (
-        f"{style.title or pick.name or 'value'}: {pick.value:.6g}{', ' * bool(segment)}{segment}",
+        f"{name or 'value'}: {pick.value:.6g}{', ' * bool(segment)}{segment}",
         f"at {place}{' ' + unit if unit else ''}",
         f"voxel {index}",
     )

@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from dataclasses import replace
+from difflib import get_close_matches
+from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,23 +15,35 @@ import numpy as np
 from imgui_bundle import imgui
 
 from splatgl.annotations.text import legible, plain
+from splatgl.data.color import srgb_from_linear
 from splatgl.errors import USER_ERRORS, error_text
 from splatgl.options import declared
 from splatgl.scene.meshes import is_mesh
 from splatgl.splat.lighting import LightModel
 from splatgl.splat.settings import Settings
-from splatgl.transfer.colormaps import CORE
+from splatgl.transfer.colormaps import CORE, colormap
 from splatgl.transfer.statistics import Statistics
 from splatgl.transfer.transfer import Transfer
 from splatgl.viewer import hud, panel_sections, transfer_editor
-from splatgl.viewer.commands import HIGHEST, Command, CopyText, Question, why_not, with_settings, with_threshold
+from splatgl.viewer.commands import (
+    COMMANDS,
+    HIGHEST,
+    Command,
+    CopyText,
+    Question,
+    curve_of,
+    is_ticked,
+    why_not,
+    with_settings,
+    with_threshold,
+)
 from splatgl.viewer.dialogs import SaveDialog, draw_start
 from splatgl.viewer.document import Document
 from splatgl.viewer.files import OPEN, SAVE, Recent, suffixes
 from splatgl.viewer.hud import DisplayedFrame
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.layers_panel import SegmentList, draw_layers
-from splatgl.viewer.panel_sections import CommandWidgets, draw_record, label_left
+from splatgl.viewer.panel_sections import CommandWidgets, capitalized, draw_record, label_left, shorten, show_tip
 from splatgl.viewer.preset_gallery import EDITED, PresetGallery, TransferShift, with_gradient
 from splatgl.viewer.saving import check_target
 from splatgl.viewer.state import BLURS, State
@@ -42,7 +57,7 @@ PALETTE, QUESTION = "###palette", "###question"
 
 
 class Palette:
-    """List of the commands whose titles hold the typed words. row: the one that Enter runs."""
+    """List of the commands that the typed words find. row: the one that Enter runs."""
 
     def __init__(self) -> None:
         self.opening = self.is_open = False
@@ -70,28 +85,61 @@ class Palette:
         imgui.set_next_item_width(-1.0)
         before, flags = self.typed, imgui.InputTextFlags_.enter_returns_true
         entered, self.typed = imgui.input_text_with_hint("##typed", "what to do", self.typed, flags)
-        found = find_commands(self.typed, widgets.commands.values())[:MOST]
+        found = find_commands(self.typed, widgets.commands.values())
+        shown = found[:MOST]
         moves = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
-        self.row = 0 if self.typed != before else min(max(self.row + moves, 0), max(len(found) - 1, 0))
-        chosen = found[self.row] if entered and found else None
-        for number, command in enumerate(found):
-            if imgui.selectable(f"{command.title}##{command.id}", number == self.row)[0]:
+        self.row = 0 if self.typed != before else min(max(self.row + moves, 0), max(len(shown) - 1, 0))
+        chosen = shown[self.row] if entered and shown else None
+        for number, command in enumerate(shown):
+            imgui.begin_disabled(not widgets.is_enabled(command, state, document))
+            if imgui.selectable(f"{capitalized(command.title)}##{command.id}", number == self.row)[0]:
                 chosen = command
-            keys = ", ".join(command.keys)
+            imgui.end_disabled()
+            keys = ", ".join([*["on"] * is_ticked(command, state), *command.keys])
             imgui.same_line(max(wide - imgui.calc_text_size(keys).x - 2 * imgui.get_style().window_padding.x, 0.0))
             imgui.text_disabled(keys)
-        if chosen is not None:
+        if not found:
+            imgui.text_wrapped(f"No command has the words {plain(self.typed)}.{nearest_word(self.typed)}")
+        elif len(found) > MOST:
+            imgui.text_disabled(f"{len(found) - MOST} more: type another word")
+        if chosen is not None and widgets.is_enabled(chosen, state, document):
             imgui.close_current_popup()
             state = widgets.run(chosen.id, state, document)
         imgui.end_popup()
         return state
 
 
+# spellings that are searched as others
+SPELLINGS = {"color": "colour", "gray": "grey", "center": "centre", "-": " "}
+
+
+def _spelled(text: str) -> str:
+    """A text in lower case, and in one spelling."""
+    for word, other in SPELLINGS.items():
+        text = text.lower().replace(word, other)
+    return text
+
+
 def find_commands(text: str, commands: Iterable[Command]) -> list[Command]:
-    """The commands whose titles hold all words of a text, those that begin with it first."""
-    words = text.lower().split()
-    found = [each for each in commands if all(word in each.title.lower() for word in words)]
-    return sorted(found, key=lambda command: not command.title.lower().startswith(text.lower()))
+    """The commands that all words of a text find, in their titles or among their other words: first those whose titles
+    begin with the text, then those with words of the title that begin with its words.
+    """
+    typed = _spelled(text)
+    ranked = []
+    for command in commands:
+        title, words = _spelled(command.title), _spelled(f"{command.id} {command.words} {command.menu}")
+        if all(word in title or word in words for word in typed.split()):
+            starts = [any(each.startswith(word) for each in title.split()) for word in typed.split()]
+            starts_other = [any(each.startswith(word) for each in words.split()) for word in typed.split()]
+            ranked.append(((not title.startswith(typed), not all(starts), not all(starts_other)), command))
+    return [command for _, command in sorted(ranked, key=lambda row: row[0])]
+
+
+def nearest_word(text: str) -> str:
+    """A question for a word that finds commands, if one is nearly the typed one; else ""."""
+    words = {word for command in COMMANDS for word in _spelled(f"{command.title} {command.words}").split()}
+    near = get_close_matches(_spelled(text), sorted(words), 1)
+    return f" Did you mean {near[0]}?" if near else ""
 
 
 class Questions:
@@ -230,7 +278,7 @@ class Browser:
             imgui.same_line()
             if imgui.button("open this folder"):
                 self._choose("")
-            imgui.set_item_tooltip("DICOM slices, Zarr, numbered pictures.")
+            show_tip("DICOM slices, Zarr, numbered pictures.")
         imgui.same_line()
         if imgui.button("cancel"):
             imgui.close_current_popup()
@@ -309,6 +357,8 @@ class Panel:
         self.gallery, self.shift = PresetGallery(), TransferShift()
         self.recent = Recent()
         self.place = (0.0, 0.0, 0.0, 0.0)
+        # title of the section that the next frame opens
+        self.section = ""
         # whether a list is open, and whether it is to close
         self.popup = self.closes = False
         # whether keys go through the widgets of what is open, and whether they are to begin in the panel
@@ -369,38 +419,25 @@ class Panel:
             state = panel_sections.draw_menus(state, document, self.widgets)
             if state.times > 1:
                 state = _time(state, document, self.widgets)
-            if imgui.collapsing_header("Files"):
-                state = panel_sections.draw_files(state, document, self.widgets, self.recent.paths)
             panel_sections.draw_file_options(state, document, self.widgets)
-            opened = imgui.TreeNodeFlags_.default_open
-            if document.has_layers and imgui.collapsing_header("Layers", opened):
+            if document.has_layers and self._header("Layers", is_open=True):
                 state = draw_layers(state, document, self.widgets)
-            # a layer that was just added may not be there yet
-            edited = document.pool.get(state.style.number, document.layers[0])
-            title = "Segments" if state.style.base.labels else "Transfer function"
-            title += f" of {plain(state.style.title or edited.name)}" if len(state.styles) > 1 else ""
-            # a mesh alone has none
-            if not is_mesh(edited.scene.volume) and imgui.collapsing_header(f"{title}###curve", opened):
-                state = self._look(state, document, edited)
-            is_amounts = not (state.style.base.labels or is_mesh(edited.scene.volume))
-            if is_amounts and imgui.collapsing_header("Iso-surfaces"):
-                low, high = transfer_editor.value_range(self.curve.statistics_of(edited.volume))
-                surfaces = transfer_editor.draw_iso(state.style.base, low, high)
-                # the curve stays as it is
-                state = state if surfaces is state.style.base else state.edit(base=surfaces)
+            state = self._looks(state, document)
             for title, draw in SECTIONS.items():
-                if imgui.collapsing_header(title):
+                if self._header(title):
                     state = draw(state, document, self.widgets)
             for title, names in SETTINGS.items():
-                if imgui.collapsing_header(title):
+                if self._header(title):
                     state = _settings(state, document, names)
                     if title == "Advanced":
                         for line in hud.full_lines(state, document, frame, None)[1:]:
                             imgui.text_wrapped(plain(line))
-            if imgui.collapsing_header("Statistics"):
-                stats = self.curve.statistics_of(edited.volume)
-                text = hud.describe_volume(edited.volume, stats, len(state.style.base.labels))
-                imgui.text_wrapped(plain(text))
+            if self._header("Files"):
+                state = panel_sections.draw_files(state, document, self.widgets, self.recent)
+            if self._header("Statistics"):
+                volume = document.pool.get(state.style.number, document.layers[0]).volume
+                stats = self.curve.statistics_of(volume)
+                imgui.text_wrapped(plain(hud.describe_volume(volume, stats, len(state.style.base.labels))))
                 imgui.text_wrapped(plain(hud.describe_picture(document, frame)))
         self._end()
         self.browser.draw(room)
@@ -432,32 +469,65 @@ class Panel:
         left, top, right, bottom = self.place
         return self.popup or (left <= x < right and top <= y < bottom)
 
+    def _header(self, title: str, of: str = "", is_open: bool = False) -> bool:
+        """The header of a section; whether it is open. of: the layer's name behind its title; is_open: at first."""
+        is_wanted, self.section = self.section == title, "" if self.section == title else self.section
+        if is_wanted:
+            imgui.set_next_item_open(True)
+        flags = imgui.TreeNodeFlags_.default_open if is_open else 0
+        shown = imgui.collapsing_header(f"{title}{of}###{title}", flags)
+        if is_wanted:
+            imgui.set_scroll_here_y(0.0)
+        return shown
+
+    def _looks(self, state: State, document: Document) -> State:
+        """The sections on the look of the selected layer; a mesh alone has none."""
+        # a layer that was just added may not be there yet
+        layer = document.pool.get(state.style.number, document.layers[0])
+        of = f" of {plain(state.style.title or layer.name)}" if len(state.styles) > 1 else ""
+        if not is_mesh(layer.scene.volume) and self._header("Look", of, is_open=True):
+            state = self._look(state, document, layer)
+        if curve_of(state, document) is None:
+            return state
+        if self._header("Transfer function", of, is_open=True):
+            state = self._curve(state, layer)
+        if self._header("Iso-surfaces"):
+            low, high = transfer_editor.value_range(self.curve.statistics_of(layer.volume))
+            surfaces = transfer_editor.draw_iso(state.style.base, low, high)
+            # the curve stays as it is
+            state = state if surfaces is state.style.base else state.edit(base=surfaces)
+        return state
+
     def _look(self, state: State, document: Document, layer: LayerSplats) -> State:
-        """The opacity curve and its controls, or the list of segments, which have no curve."""
-        has_segments = bool(state.style.base.labels)
-        state = self.segments.draw(state, document, layer) if has_segments else self._transfer(state, layer)
-        logarithmic = imgui.SliderFlags_.logarithmic
+        """Preset, colour map and its window, or the list of segments; opacity and threshold."""
+        style, logarithmic = state.style, imgui.SliderFlags_.logarithmic
+        if style.base.labels:
+            state = self.segments.draw(state, document, layer)
+        else:
+            stats = self.curve.statistics_of(layer.volume)
+            base = self.gallery.draw(style.stated, layer.stored, stats)
+            # a preset leaves the surfaces
+            base = base if base.iso == style.stated.iso else replace(base, iso=style.stated.iso)
+            base = _colors(base, stats)
+            state = state if base == style.stated else state.edit(base=base, extinction=1.0)
         changed, factor = imgui.slider_float(
-            label_left("opacity x"), state.style.extinction, *EXTINCTION, "%.3g", logarithmic
+            label_left("opacity"), state.style.extinction, *EXTINCTION, "x %.3g", logarithmic
         )
-        imgui.set_item_tooltip("Scales the opacity.")
+        show_tip("Scales the opacities of the curve.")
         if changed:
             state = state.edit(extinction=float(f"{factor:.4g}"))
-        if has_segments:
+        if style.base.labels:
             return state
         changed, threshold = imgui.slider_float(
             label_left("threshold"), state.style.threshold, 0.0, HIGHEST, "%.4f", logarithmic
         )
-        imgui.set_item_tooltip("Voxels up to this opacity are skipped (--threshold).")
+        show_tip("Voxels up to this opacity are skipped (--threshold).")
         return with_threshold(state, min(max(threshold, 0.0), HIGHEST)) if changed else state
 
-    def _transfer(self, state: State, layer: LayerSplats) -> State:
-        """The opacity curve, its presets and colours."""
+    def _curve(self, state: State, layer: LayerSplats) -> State:
+        """The opacity curve over values, and over gradients."""
         stats, style = self.curve.statistics_of(layer.volume), state.style
-        base = self.gallery.draw(style.stated, layer.stored, stats)
-        # a preset leaves the surfaces
-        base = base if base.iso == style.stated.iso else replace(base, iso=style.stated.iso)
-        base = _colors(self._functions(base, layer, stats), stats)
+        base = self._functions(style.stated, layer, stats)
         low, high = transfer_editor.value_range(stats)
         base = self.shift.draw(base, high - low)
         base = _gradient(base, (high - low) / float(np.mean(layer.stored.spacing)) / transfer_editor.STEPS)
@@ -495,7 +565,7 @@ def _time(state: State, document: Document, widgets: CommandWidgets) -> State:
     imgui.same_line()
     imgui.set_next_item_width(-1.0)
     changed, pace = imgui.drag_float("##pace", state.pace, 0.05, *PACES, "%.3g a second")
-    imgui.set_item_tooltip("Time points a second while it plays: drag, or ctrl+click. Slow pictures take longer.")
+    show_tip("Time points a second while it plays: drag, or ctrl+click. Slow pictures take longer.")
     pace = float(f"{min(max(pace, PACES[0]), PACES[1]):.3g}") if changed else state.pace
     return state if (repeats, pace) == (state.repeats, state.pace) else replace(state, repeats=repeats, pace=pace)
 
@@ -517,7 +587,7 @@ def _settings(state: State, document: Document, names: Iterable[str]) -> State:
             value = setting.choices[index]
         else:
             changed, value = _slide(name, state.settings, label)
-        imgui.set_item_tooltip(plain(setting.help).replace("--", "") + ".")
+        show_tip(plain(setting.help).replace("--", "") + ".")
         # an open section that changes nothing redraws nothing
         if changed and value is not None:
             settings = state.settings.replace(**{name: value})
@@ -542,19 +612,49 @@ def _slide(name: str, settings: Settings, label: str) -> tuple[bool, float]:
     return changed, min(max(round(value, 2), 0.0), most)
 
 
+# share of a row of a colour map that its name takes, and parts of its strip
+NAMED, PARTS = 0.42, 32
+
+
+@lru_cache(maxsize=256)
+def swatch_colors(name: str) -> tuple[int, ...]:
+    """PARTS + 1 colours of a map, as ImGui packs them."""
+    coded = srgb_from_linear(colormap(name)[np.linspace(0, len(colormap(name)) - 1, PARTS + 1).astype(int)])
+    return tuple(int(imgui.get_color_u32(imgui.ImVec4(*map(float, rgb), 1.0))) for rgb in coded)
+
+
+def _swatch(name: str) -> None:
+    """Draws the name and the strip of a colour map over the last widget, beside the arrow of a list."""
+    pen, style = imgui.get_window_draw_list(), imgui.get_style()
+    low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+    arrow = imgui.get_frame_height() if high.y - low.y >= imgui.get_frame_height() - 1 else style.frame_padding.x
+    wide, inset = high.x - low.x - arrow, style.frame_padding.y
+    text = shorten(EDITED if ":#" in name else name, wide * NAMED - 2 * style.frame_padding.x)
+    middle = (low.y + high.y - imgui.get_text_line_height()) / 2
+    pen.add_text(imgui.ImVec2(low.x + style.frame_padding.x, middle), int(imgui.get_color_u32(imgui.Col_.text)), text)
+    left, step = low.x + NAMED * wide, (1 - NAMED) * wide / PARTS
+    for number, (color, following) in enumerate(pairwise(swatch_colors(name))):
+        start = imgui.ImVec2(left + number * step, low.y + inset)
+        end = imgui.ImVec2(left + (number + 1) * step, high.y - inset)
+        pen.add_rect_filled_multi_color(start, end, color, following, following, color)
+
+
 def _colors(transfer: Transfer, stats: Statistics) -> Transfer:
     """Colour map and window."""
-    names = list(dict.fromkeys([transfer.colormap, *CORE]))
-    texts = [EDITED if ":#" in name else name for name in names]
-    changed, index = imgui.combo(label_left("colours"), 0, texts)
-    if changed:
-        transfer = replace(transfer, colormap=names[index])
+    label, before = label_left("colour map"), transfer.colormap
+    if imgui.begin_combo(label, "", imgui.ComboFlags_.height_large):
+        for name in dict.fromkeys([before, *CORE]):
+            chosen = imgui.selectable(f"##{name}", name == transfer.colormap)[0]
+            _swatch(name)
+            transfer = replace(transfer, colormap=name) if chosen else transfer
+        imgui.end_combo()
+    _swatch(before)
     low, high = transfer.color_range
     spread = transfer_editor.value_range(stats)
     changed, low, high = imgui.drag_float_range2(
         label_left("window"), low, high, (spread[1] - spread[0]) / transfer_editor.STEPS, format="%.4g"
     )
-    imgui.set_item_tooltip("Values that the colours span: drag either end.")
+    show_tip("Values that the colours span: drag either end.")
     return replace(transfer, window=(low, high)) if changed and low < high else transfer
 
 
@@ -565,5 +665,5 @@ def _gradient(transfer: Transfer, step: float) -> Transfer:
     nodes = transfer.gradient
     begin, end = (nodes[0][0], nodes[-1][0]) if nodes else (0.0, 0.0)
     changed, begin, end = imgui.drag_float_range2(label_left("gradient"), begin, end, step, 0.0, 0.0, "%.4g")
-    imgui.set_item_tooltip("Values per length: less steep parts are clear up to the first, opaque from the second on.")
+    show_tip("Values per length: less steep parts are clear up to the first, opaque from the second on.")
     return with_gradient(transfer, max(begin, 0.0), end) if changed else transfer

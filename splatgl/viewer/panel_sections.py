@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,8 @@ from splatgl.viewer.commands import (
     OpenOption,
     WindowRequest,
     add_plane,
+    is_enabled,
+    is_ticked,
     name_of,
     toggle_name,
     with_ground,
@@ -44,6 +47,14 @@ from splatgl.viewer.state import MOST_PLANES, THEMES, ClipState, State
 
 # share of the panel's width that labels at the left of widgets take
 LABELS = 0.3
+# least width of a tooltip and its distance from a cursor at a content scale of 1, screen units, and the share of the
+# window below which it is above
+TIP, CURSOR, LOW = 260.0, 20.0, 0.7
+
+
+def capitalized(text: str) -> str:
+    """A text that begins with a capital letter."""
+    return text[:1].upper() + text[1:]
 
 
 def shorten(text: str, room: float) -> str:
@@ -64,15 +75,48 @@ def label_left(text: str) -> str:
     return f"##{text}"
 
 
+def show_tip(text: str, at_cursor: bool = False) -> None:
+    """The tooltip of the last widget, while the cursor rests on it: in lines of the panel's width, below or above the
+    widget, so that it covers no picture. at_cursor: at once, below or above the cursor.
+    """
+    if not (at_cursor or imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip)):
+        return
+    place, scale, cursor = imgui.get_window_pos(), imgui.get_style().font_scale_main, imgui.get_mouse_pos().y
+    top, below = imgui.get_item_rect_min().y, imgui.get_item_rect_max().y
+    top, below = (cursor - CURSOR * scale, cursor + CURSOR * scale) if at_cursor else (top, below)
+    wide = max(imgui.get_window_width(), TIP * scale)
+    left = min(place.x, imgui.get_io().display_size.x - wide)
+    is_low = below > imgui.get_io().display_size.y * LOW
+    imgui.set_next_window_pos((left, top if is_low else below), imgui.Cond_.always, (0.0, float(is_low)))
+    imgui.set_next_window_size_constraints((0.0, 0.0), (wide, imgui.get_io().display_size.y))
+    if imgui.begin_tooltip():
+        imgui.push_text_wrap_pos(wide - 2 * imgui.get_style().window_padding.x)
+        imgui.text_unformatted(text)
+        imgui.pop_text_wrap_pos()
+        imgui.end_tooltip()
+
+
 class CommandWidgets:
     """Buttons and checkboxes that run commands. effects: collected until the window performs them. recording: the
-    movie that is being drawn.
+    movie that is being drawn. idle: commands that have nothing to do, beside those that the state tells.
     """
 
     def __init__(self, commands: Iterable[Command]) -> None:
         self.commands = {command.id: command for command in commands}
         self.effects: list[Effect] = []
         self.recording: Recording | None = None
+        self.idle: frozenset[str] = frozenset()
+
+    def is_enabled(self, command: Command, state: State, document: Document) -> bool:
+        """Whether a command does something now."""
+        return command.id not in self.idle and is_enabled(command, state, document)
+
+    def menu_item(self, command: Command, state: State, document: Document) -> State:
+        """The state after a click on a command's row of a menu: ticked if it is on, grey where it does nothing."""
+        is_on, title = is_ticked(command, state), capitalized(command.title)
+        enabled = self.is_enabled(command, state, document)
+        clicked = imgui.menu_item(title, ", ".join(command.keys[:1]), is_on, enabled)[0]
+        return self.run(command.id, state, document) if clicked else state
 
     def run(self, name: str, state: State, document: Document) -> State:
         """The state after a command."""
@@ -84,7 +128,7 @@ class CommandWidgets:
         """Sets the tooltip of the last widget: a text, by default the command's title, and its first key."""
         command = self.commands[name]
         key = f" ({command.keys[0]})" if command.keys else ""
-        imgui.set_item_tooltip(f"{text or command.title[0].upper() + command.title[1:]}{key}.")
+        show_tip(f"{text or capitalized(command.title)}{key}.")
 
     def button(
         self, name: str, label: str, state: State, document: Document, text: str = "", wide: float = 0.0
@@ -105,12 +149,18 @@ def draw_menus(state: State, document: Document, widgets: CommandWidgets) -> Sta
     """The menu bar, with all commands and their first keys; returns the state after the chosen one."""
     if not imgui.begin_menu_bar():
         return state
-    for name in dict.fromkeys(command.menu for command in widgets.commands.values()):
+    for name, commands in groupby(widgets.commands.values(), key=lambda command: command.menu):
         if imgui.begin_menu(name):
-            for command in widgets.commands.values():
-                title = command.title[0].upper() + command.title[1:]
-                if command.menu == name and imgui.menu_item(title, ", ".join(command.keys[:1]), False)[0]:
-                    state = widgets.run(command.id, state, document)
+            group = 0
+            for (number, submenu), listed in groupby(commands, key=lambda command: (command.group, command.submenu)):
+                if number != group:
+                    imgui.separator()
+                    group = number
+                if not submenu or imgui.begin_menu(submenu):
+                    for command in listed:
+                        state = widgets.menu_item(command, state, document)
+                    if submenu:
+                        imgui.end_menu()
             imgui.end_menu()
     imgui.end_menu_bar()
     return state
@@ -134,7 +184,7 @@ def draw_files(state: State, document: Document, widgets: CommandWidgets, recent
         name = shorten(plain(Path(path).name), imgui.get_content_region_avail().x)
         if imgui.selectable(f"{name}##{number}", False)[0]:
             widgets.effects.append(Open((path,)))
-        imgui.set_item_tooltip(legible(path))
+        show_tip(legible(path))
     if recent and imgui.small_button("forget these"):
         widgets.effects.append(WindowRequest.FORGET_RECENT)
     return state
@@ -145,7 +195,7 @@ def draw_file_options(state: State, document: Document, widgets: CommandWidgets)
     for option in state.file_options:
         now = option.selected(document.scene.load)
         changed, chosen = imgui.combo(label_left(option.option), now, [plain(text) for text in option.texts])
-        imgui.set_item_tooltip("Other volumes of the file: opens one, with the same view and settings.")
+        show_tip("Other volumes of the file: opens one, with the same view and settings.")
         if changed and chosen != now:
             widgets.effects.append(OpenOption(option.option, option.values[chosen][0]))
 
@@ -171,7 +221,7 @@ def _box(cuts: ClipState, volume: Volume) -> ClipState:
         low, high = (round(share * size) for share in cuts.sides[axis])
         name = label_left("xyz"[axis])
         changed, begin, end = imgui.drag_int_range2(name, low, high, max(size / 400, 0.2), 0, size)
-        imgui.set_item_tooltip(f"Voxels along {'xyz'[axis]} that the box keeps, as in --crop: drag, or ctrl+click.")
+        show_tip(f"Voxels along {'xyz'[axis]} that the box keeps, as in --crop: drag, or ctrl+click.")
         if changed and begin < end:
             sides = list(cuts.sides)
             sides[axis] = max(begin, 0) / size, min(end, size) / size
@@ -190,7 +240,7 @@ def _planes(cuts: ClipState, volume: Volume) -> ClipState:
         ends = float(along.min()), float(along.max())
         changed, place = imgui.slider_float("##place", plane[3], *ends, f"%.4g {unit}")
         imgui.pop_style_color()
-        imgui.set_item_tooltip("Normal {:.3g}, {:.3g}, {:.3g}: keeps the side that it points to.".format(*plane[:3]))
+        show_tip("Normal {:.3g}, {:.3g}, {:.3g}: keeps the side that it points to.".format(*plane[:3]))
         if changed:
             cuts = replace(cuts.with_plane(number, (*plane[:3], place)), active=True)
         imgui.same_line()
@@ -214,7 +264,7 @@ def _more(state: State, document: Document) -> State:
         if imgui.button(f"+ {name}"):
             state = add_plane(state, document, normal and normal[:3])
         towards = "that faces you (ctrl+x)" if normal is None else f"across world {name}"
-        imgui.set_item_tooltip(f"One more plane {towards}.")
+        show_tip(f"One more plane {towards}.")
     return state
 
 
@@ -229,7 +279,7 @@ def pick_opacity(opacity: float, room: float, left: float = 0.0) -> float:
     imgui.same_line(left)
     imgui.set_next_item_width(room * OPACITY)
     changed, value = imgui.slider_float("##opacity", opacity, 0.0, 1.0, "%.2f")
-    imgui.set_item_tooltip("A factor on its opacities.")
+    show_tip("A factor on its opacities.")
     return round(float(np.clip(value, 0.0, 1.0)), DIGITS) if changed else opacity
 
 
@@ -284,6 +334,8 @@ def draw_view(state: State, document: Document, widgets: CommandWidgets) -> Stat
     for name, _ in _flow(list(ticked), 3):
         command = "projection" if name == "orthographic" else name
         state = widgets.checkbox(command, name, ticked[name], state, document)
+        if name == "orthographic" and state.pose.camera.perspective:
+            show_tip(f"Perspective, {state.pose.fov:.3g} degrees from the top to the bottom (p).")
     state = _ground(_over(state, document, widgets))
     changed, chosen = imgui.combo(label_left("panel"), THEMES.index(state.theme), list(THEMES))
     return replace(state, theme=THEMES[chosen]) if changed else state
@@ -295,7 +347,7 @@ def _over(state: State, document: Document, widgets: CommandWidgets) -> State:
     for name, _ in _flow(list(rows), 3):
         if imgui.checkbox(name, text_of(state.annotate, name) is not None)[0]:
             state = replace(state, annotate=toggle_name(state.annotate, name))
-        imgui.set_item_tooltip(f"{rows[name].about[:-1]} ({rows[name].key}).")
+        show_tip(f"{rows[name].about[:-1]} ({rows[name].key}).")
     return widgets.checkbox("probe", "value under the cursor", state.probe, state, document)
 
 
@@ -398,7 +450,7 @@ def _number(
     movie: Movie, name: str, step: float, ends: tuple[float, float], form: str, tip: str, label: str = ""
 ) -> Movie:
     changed, value = imgui.drag_float(label_left(label or name), getattr(movie, name), step, *ends, form)
-    imgui.set_item_tooltip(f"{tip} Drag, or ctrl+click.")
+    show_tip(f"{tip} Drag, or ctrl+click.")
     value = float(f"{min(max(value, ends[0]), ends[1]):.4g}")
     change: dict[str, Any] = {name: value}
     return replace(movie, **change) if changed else movie
@@ -410,13 +462,13 @@ def _keyframes(movie: Movie) -> Movie:
         imgui.push_id(number)
         imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.4)
         changed, time = imgui.drag_float("##time", key.time, 0.02, 0.0, SECONDS[1], f"{number + 1}: %.2f s")
-        imgui.set_item_tooltip("When the camera is there: drag, or ctrl+click.")
+        show_tip("When the camera is there: drag, or ctrl+click.")
         movie = movie.timed(number, float(f"{time:.4g}")) if changed else movie
         imgui.same_line()
         imgui.begin_disabled(number + 1 == len(movie.keyframes))
         later = imgui.button("later")
         imgui.end_disabled()
-        imgui.set_item_tooltip("Exchanges it with the next one.")
+        show_tip("Exchanges it with the next one.")
         imgui.same_line()
         removed = imgui.button("remove")
         imgui.pop_id()
@@ -428,7 +480,7 @@ def _keyframes(movie: Movie) -> Movie:
 def _series(movie: Movie) -> Movie:
     """Whether the time points of a series are shown, and written into the picture."""
     _, series = imgui.checkbox("all time points", movie.series)
-    imgui.set_item_tooltip("Else all frames show this time point.")
+    show_tip("Else all frames show this time point.")
     imgui.same_line()
     imgui.begin_disabled(not series)
     _, stamped = imgui.checkbox("time in the picture", movie.stamped)

@@ -14,10 +14,10 @@ from splatgl.data.volume import Volume, subsample
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
 from splatgl.planning.scene import Layer, Scene
-from splatgl.transfer.presets import PRESETS, build_transfer
+from splatgl.transfer.presets import PRESETS, build_transfer, grouped_presets
 from splatgl.transfer.statistics import Statistics
 from splatgl.transfer.transfer import Transfer
-from splatgl.viewer.panel_sections import label_left, shorten
+from splatgl.viewer.panel_sections import label_left, show_tip
 from splatgl.viewer.thumbnails import MOST_VOXELS, draw_small, reduce_volume
 from splatgl.viewer.trackball import Pose
 
@@ -45,18 +45,20 @@ class PresetGallery:
         active = next((name for name, each in self.transfers.items() if each == transfer), EDITED)
         was_open = self.is_open
         self.is_open = imgui.begin_combo(label_left("preset"), active, imgui.ComboFlags_.height_largest)
-        imgui.set_item_tooltip("Opacities and colours for a kind of data.")
+        show_tip("Opacities and colours for a kind of data.")
         if not self.is_open:
             return transfer
         if not was_open:
             # from the view that is shown now
             self.missing = list(self.transfers)
-        for number, (name, each) in enumerate(self.transfers.items()):
-            if number % PER_ROW:
-                imgui.same_line()
-            if self._draw_picture(name, name == active):
-                transfer = each
-                imgui.close_current_popup()
+        for title, names in grouped_presets().items():
+            imgui.separator_text(title)
+            for number, name in enumerate(names):
+                if number % PER_ROW:
+                    imgui.same_line()
+                if self._draw_picture(name, name == active):
+                    transfer = self.transfers[name]
+                    imgui.close_current_popup()
         imgui.end_combo()
         return transfer
 
@@ -75,8 +77,9 @@ class PresetGallery:
             clicked = imgui.image_button(f"##{name}", imgui.ImTextureRef(texture.glo), size)
         if active:
             imgui.pop_style_color()
-        imgui.set_item_tooltip(PRESETS[name].about)
-        imgui.text(shorten(name, side))
+        show_tip(PRESETS[name].about)
+        # longer names stand in two lines
+        imgui.text(name if imgui.calc_text_size(name).x <= side else "-\n".join(name.rsplit("-", 1)))
         imgui.end_group()
         return clicked
 
@@ -123,7 +126,7 @@ class TransferShift:
     def draw(self, transfer: Transfer, spread: float) -> Transfer:
         """The slider; returns the moved transfer function. spread: length of the range of values."""
         changed, value = imgui.slider_float(label_left("shift"), self.value, -spread / 2, spread / 2, "%.4g")
-        imgui.set_item_tooltip("Moves all points and the colours along the values.")
+        show_tip("Moves all points and the colours along the values.")
         if imgui.is_item_activated():
             self.before = transfer
         if changed and self.before is not None:

@@ -32,7 +32,7 @@ from splatgl.viewer.slice_planes import (
     with_turn,
 )
 from splatgl.viewer.state import Slices
-from splatgl.viewer.trackball import Place, Pointer, Tool, Viewport, project_segment
+from splatgl.viewer.trackball import Mouse, Place, Pointer, Tool, Viewport, project_segment
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document
@@ -43,8 +43,10 @@ Box = tuple[float, float, float, float]
 
 # share of a window's width that the slices take at most
 WIDEST = 0.5
-# pixels around a slice in its pane, at a content scale of 1
-MARGIN = 6.0
+# and that a large one takes
+LARGE = 0.62
+# pixels around a slice in its pane, in which the letters of directions stand, at a content scale of 1
+MARGIN = 18.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +101,10 @@ class Pane:
         return float(x + self.box[0]), float(y + self.box[1])
 
 
-def column_width(window: tuple[int, int], shown: bool) -> int:
+def column_width(window: tuple[int, int], slices: Slices) -> int:
     """Width of the slices in the window, pixels."""
-    return int(min(window[1] / 3, window[0] * WIDEST)) if shown else 0
+    high, share = (window[1] / 3, WIDEST) if slices.large is None else (window[1], LARGE)
+    return int(min(high, window[0] * share)) if slices.shown else 0
 
 
 def slice_up(document: Document) -> np.ndarray:
@@ -112,14 +115,28 @@ def slice_up(document: Document) -> np.ndarray:
 def panes(
     slices: Slices, volume: Volume, up: np.ndarray, window: tuple[int, int], scale: float = 1.0
 ) -> tuple[Pane, ...]:
-    """Panes of the slices across z, y and x of the world, downwards, at the right of the window. up: of the scene."""
-    wide, world, across = column_width(window, True), world_axes(volume), planes(slices, volume, up)
-    made = []
-    for number, axis in enumerate(world.index(normal) for normal in (2, 1, 0)):
-        room = float(window[0] - wide), number * window[1] / 3, float(window[0]), (number + 1) * window[1] / 3
+    """Panes of the slices across z, y and x of the world, downwards, or of the large one, at the right of the window.
+    up: of the scene.
+    """
+    wide, across = column_width(window, replace(slices, shown=True)), planes(slices, volume, up)
+    axes = [axis for axis in across_axes(volume) if slices.large in (None, axis)]
+    made, step = [], window[1] / len(axes)
+    for number, axis in enumerate(axes):
+        room = float(window[0] - wide), number * step, float(window[0]), (number + 1) * step
         low, high = across[axis].box
         made.append(Pane(axis, across[axis], room, _fit_box(room, (high - low).tolist(), MARGIN * scale)))
     return tuple(made)
+
+
+def across_axes(volume: Volume) -> list[int]:
+    """Axes of the grid across which the slices lie, from the first pane to the last."""
+    return [world_axes(volume).index(normal) for normal in (2, 1, 0)]
+
+
+def next_large(slices: Slices, volume: Volume) -> Slices:
+    """The slices with the next one large: across z, y, then x; then all three."""
+    order = [None, *across_axes(volume)]
+    return replace(slices, shown=True, large=order[(order.index(slices.large) + 1) % 4] if slices.shown else order[1])
 
 
 def _fit_box(room: Box, sides: Sequence[float], margin: float) -> Box:
@@ -160,6 +177,8 @@ class SliceTool(Tool):
         self.dragged: int | None = None
         # of the drag that turns the others about a pane's normal: the pane, and angle and rotation before it
         self.turning: tuple[Pane, float, Turn] | None = None
+        # time and place of the latest press
+        self.mouse = Mouse()
 
     def panes(self, state: State, document: Document, view: Viewport) -> tuple[Pane, ...]:
         """The visible slices."""
@@ -171,7 +190,9 @@ class SliceTool(Tool):
         return next((pane for pane in self.panes(state, document, view) if pane.holds(place)), None)
 
     def press(self, state: State, document: Document, view: Viewport, pointer: Pointer) -> State | None:
-        """Moves the other two slices to the cursor; takes a dot that turns them."""
+        """Moves the other two slices to the cursor; takes a dot that turns them. A double click shows the slice large,
+        or all three again.
+        """
         pane = self._pane(state, document, view, pointer.place)
         if pane is None or pointer.button != "left":
             return None if pane is None else state
@@ -179,6 +200,11 @@ class SliceTool(Tool):
         if min(np.hypot(*np.subtract(dot, pointer.place)) for dot in dots) <= NEAR * view.scale:
             self.turning = pane, _angle(pane, pointer.place), state.slices.turn
             return state
+        is_double = self.mouse.doubles(pointer.button, pointer.place, view.time)
+        self.mouse = Mouse(None, (-np.inf if is_double else view.time, pointer.place))
+        if is_double:
+            large = pane.axis if state.slices.large is None else None
+            return replace(state, slices=replace(state.slices, large=large))
         self.dragged = pane.axis
         return _link_slices(state, document, pane, pointer.place)
 
@@ -223,8 +249,10 @@ class SliceTool(Tool):
             self.waiting.clear()
         return notes if results else None
 
-    def marks(self, state: State, document: Document, view: Viewport) -> ScreenMarks:
-        """The slices with their lines and letters; nothing while they are hidden."""
+    def marks(self, state: State, document: Document, view: Viewport, cursor: Place | None = None) -> ScreenMarks:
+        """The slices with their lines and letters, and the values at the cursor, or at their common point; nothing
+        while they are hidden.
+        """
         visible = self.panes(state, document, view)
         if not visible:
             self.drawn.clear()
@@ -243,7 +271,11 @@ class SliceTool(Tool):
                 sprites.append(Sprite(pixels, pane.box, smooth=state.slices.turn == STRAIGHT))
             labels += _labels(pane, state.slices, volume, scale)
             strokes += _cross(pane, state.slices, volume, scale)
-        values = slice_values(state, document, int((view.size[0] - left) / LETTER / scale))
+        pointed = next((pane for pane in visible if cursor is not None and pane.holds(cursor)), None)
+        point = None if pointed is None or cursor is None else pointed.point(cursor)
+        values = slice_values(state, document, int((view.size[0] - left) / LETTER / scale), point)
+        if point is not None and values:
+            values = (*values, f"at {', '.join(f'{each:.4g}' for each in point)} {volume.unit}".rstrip())
         if values:
             corner = left + GAP * scale, view.size[1] - GAP * scale
             shown_values = _label_at(values, corner, (0.0, 1.0), scale)
@@ -290,12 +322,12 @@ def _are_quick(painter: SlicePainter) -> bool:
     return is_small and all(isinstance(each.samples, np.ndarray) for each in volumes)
 
 
-def slice_values(state: State, document: Document, most: int) -> tuple[str, ...]:
-    """Value of each visible layer at the common point of the slices, after its name, which is shortened to `most`
-    letters in all, if there are several.
+def slice_values(state: State, document: Document, most: int, point: np.ndarray | None = None) -> tuple[str, ...]:
+    """Value of each visible layer at a world point [3], by default the slices' common one, after its name, which is
+    shortened to `most` letters in all, if there are several.
     """
-    pool, volume, texts = document.pool, document.volume, list[str]()
-    point = middle(state.slices, volume)
+    pool, texts = document.pool, list[str]()
+    point = middle(state.slices, document.volume) if point is None else point
     shown = [style for style in state.styles if style.is_shown and style.number in pool] or state.styles[:1]
     for style in shown:
         layer, part = pool[style.number], pool[style.number].volume

@@ -220,7 +220,8 @@ def scale_opacity(opacity: float, factor: float) -> float:
 class Slices:
     """Three slices next to the picture. colored: by the transfer function, else grey by its window. place: the point
     that all three contain, as shares of the volume's box along x, y and z. turn: rotation by which they lie oblique.
-    in_space: whether planes in the picture follow them.
+    in_space: whether planes in the picture follow them. large: axis of the grid of the only one that is shown, as large
+    as the window permits.
     """
 
     shown: bool = False
@@ -228,6 +229,7 @@ class Slices:
     place: Triple = (0.5, 0.5, 0.5)
     turn: Turn = STRAIGHT
     in_space: bool = False
+    large: int | None = None
 
     def index(self, volume: Volume) -> tuple[int, int, int]:
         """The voxel (x, y, z) that all three contain."""
@@ -443,9 +445,13 @@ class History:
 
     def note(self, state: State) -> None:
         """Records a state at rest, if it differs from the last one."""
-        if changed_fields(state, self.now) - PASSING or state.slices.turn != self.now.slices.turn:
+        if self.has_changes(state):
             self.past = [*self.past[-MAX_STEPS + 1 :], self.now]
             self.future, self.now = [], _as_step(state)
+
+    def has_changes(self, state: State) -> bool:
+        """Whether a state differs from the last one by more than undo leaves alone."""
+        return bool(changed_fields(state, self.now) - PASSING) or state.slices.turn != self.now.slices.turn
 
     def undo(self, state: State) -> State:
         """The state before; the same one if there is none."""

@@ -20,7 +20,7 @@ from splatgl.transfer.regions import ENDLESS, MOST_ISO, MOST_REGIONS, Iso, Regio
 from splatgl.transfer.statistics import Statistics, statistics
 from splatgl.transfer.transfer import Nodes, Transfer
 from splatgl.transfer.transfer_nodes import SHAPES, ColorPoints, color_points, shape_nodes, shape_of, with_color_points
-from splatgl.viewer.panel_sections import label_left, pick_color, pick_opacity
+from splatgl.viewer.panel_sections import label_left, pick_color, pick_opacity, show_tip
 from splatgl.viewer.preset_gallery import EDITED
 
 # number of colours in the strip; radius of a point at a content scale of 1, screen units
@@ -82,7 +82,7 @@ class ColorStrip:
         imgui.invisible_button("##colors", (room[1], high))
         if imgui.is_item_hovered():
             value = self._pointed
-            imgui.set_tooltip(f"{value:.4g}\n{COLOR_HINT}")
+            show_tip(f"{value:.4g}\n{COLOR_HINT}", at_cursor=True)
             if edited is points and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
                 color = srgb_from_linear(np.clip(transfer.color(np.array(value)), 0.0, 1.0))
                 edited, _ = add_point(points, value, code_of(color))
@@ -140,7 +140,7 @@ class ColorStrip:
             self.picked = number
             imgui.open_popup(PICKER)
         if imgui.is_item_hovered():
-            imgui.set_tooltip(f"{points[number][0]:.5g}: {points[number][1]}")
+            show_tip(f"{points[number][0]:.5g}: {points[number][1]}", at_cursor=True)
         return points
 
     def _mark(self, x: float, y: float, radius: float, code: str) -> None:
@@ -164,7 +164,7 @@ class ColorStrip:
         if imgui.button("one more"):
             following = points[number + 1][0] if number + 1 < len(points) else self.span[1]
             points, _ = add_point(points, (points[number][0] + following) / 2, points[number][1])
-        imgui.set_item_tooltip("Adds a point of this colour, halfway to the next one.")
+        show_tip("Adds a point of this colour, halfway to the next one.")
         imgui.same_line()
         if imgui.button("remove"):
             points = remove_point(points, number)
@@ -232,7 +232,9 @@ def histogram(stats: Statistics, low: float, high: float, logarithmic: bool = Tr
 
 
 # screen units at a content scale of 1: height of the plot, of the strip of colours below it, radius of a point
-HEIGHT, STRIP, POINT = 190.0, 10.0, 5.0
+HEIGHT, STRIP, POINT = 165.0, 10.0, 5.0
+# share of the fields of a point that its number takes, as its opacity does
+NUMBER = 0.29
 # range of the axis of opacities, with room for points at its ends
 ROOM = (-0.05, 1.05)
 HISTOGRAM, LINE, NODE = (0.5, 0.5, 0.55, 0.6), (0.95, 0.6, 0.15, 1.0), (1.0, 0.7, 0.3, 1.0)
@@ -284,7 +286,7 @@ class CurveEditor:
         colored = self.strip.draw(transfer, self.range, (self.box[0], self.box[2]), STRIP * scale)
         points = self._fields(points)
         changed, self.logarithmic = imgui.checkbox("log counts", self.logarithmic)
-        imgui.set_item_tooltip("Bars by the logarithm of how many voxels have a value, or by the number.")
+        show_tip("Bars by the logarithm of how many voxels have a value, or by the number.")
         if changed:
             self._count(*self.range)
         imgui.same_line()
@@ -300,7 +302,7 @@ class CurveEditor:
         names = list(dict.fromkeys([current, *SHAPES]))
         imgui.set_next_item_width(-1.0)
         changed, index = imgui.combo("##shape", 0, names)
-        imgui.set_item_tooltip("Shape of the opacities between the first and the last point (--curve).")
+        show_tip("Shape of the opacities between the first and the last point (--curve).")
         highest = transfer.points[-1][0] if self.stats is None else value_range(self.stats)[1]
         return with_shape(transfer, names[index], highest) if changed and names[index] in SHAPES else transfer
 
@@ -350,9 +352,9 @@ class CurveEditor:
             return add_point(points, at.x, opacity_from_axis(at.y))[0]
         shown = dragged if dragged is not None else pointed
         if shown is not None:
-            imgui.set_tooltip(f"{points[shown][0]:.5g}: {points[shown][1]:.4g}")
+            show_tip(f"{points[shown][0]:.5g}: {points[shown][1]:.4g}", at_cursor=True)
         elif hovered:
-            imgui.set_tooltip(f"{at.x:.4g}: {opacity_from_axis(at.y):.3g}\n{HINT}")
+            show_tip(f"{at.x:.4g}: {opacity_from_axis(at.y):.3g}\n{HINT}", at_cursor=True)
         return points
 
     def _fields(self, points: Nodes) -> Nodes:
@@ -363,21 +365,21 @@ class CurveEditor:
         self.point = min(self.point, count - 1)
         name, gap = label_left("point"), style.item_inner_spacing.x
         signs = 2 * (imgui.calc_text_size("+").x + 2 * style.frame_padding.x + gap)
-        wide = (imgui.get_content_region_avail().x - signs - 2 * gap) / 3
-        imgui.set_next_item_width(wide)
-        _, chosen = imgui.slider_int(name, self.point + 1, 1, count, f"%d of {count}")
+        room = imgui.get_content_region_avail().x - signs - 2 * gap
+        imgui.set_next_item_width(NUMBER * room)
+        _, chosen = imgui.slider_int(name, self.point + 1, 1, count, f"%d/{count}")
         self.point = min(max(chosen, 1), count) - 1
         value, opacity = points[self.point]
         imgui.same_line(0.0, gap)
-        imgui.set_next_item_width(wide)
+        imgui.set_next_item_width((1 - 2 * NUMBER) * room)
         moved, value = imgui.drag_float("##value", value, (self.range[1] - self.range[0]) / STEPS, format="%.5g")
-        imgui.set_item_tooltip("Value of this point: drag, or ctrl+click.")
+        show_tip("Value of this point: drag, or ctrl+click.")
         imgui.same_line(0.0, gap)
-        imgui.set_next_item_width(wide)
+        imgui.set_next_item_width(NUMBER * room)
         raised, height = imgui.drag_float(
             "##height", float(axis_from_opacity(opacity)), 1 / STEPS, 0.0, 1.0, f"{opacity:.3g}"
         )
-        imgui.set_item_tooltip("Opacity of this point: drag.")
+        show_tip("Opacity of this point: drag.")
         if moved or raised:
             points = move_point(points, self.point, value, opacity_from_axis(height) if raised else opacity)
         return self._number(points, gap)
@@ -391,10 +393,10 @@ class CurveEditor:
             ends = points[here : here + 2] if here + 1 < len(points) else points[here - 1 :]
             between = np.mean(ends, axis=0).tolist()
             points, self.point = add_point(points, *between)
-        imgui.set_item_tooltip("Adds a point next to this one.")
+        show_tip("Adds a point next to this one.")
         imgui.same_line(0.0, gap)
         points = remove_point(points, here) if imgui.button("-") else points
-        imgui.set_item_tooltip("Removes this point.")
+        show_tip("Removes this point.")
         imgui.end_disabled()
         return points
 
@@ -448,7 +450,7 @@ def draw_iso(transfer: Transfer, low: float, high: float) -> Transfer:
     if imgui.button("add a surface"):
         surfaces.append(Iso(_free_value([surface.value for surface in surfaces], low, high)))
     imgui.end_disabled()
-    imgui.set_item_tooltip("The surface where the values cross a number. The curve above renders the values around it.")
+    show_tip("The surface where the values cross a number. The curve above renders the values around it.")
     return transfer if tuple(surfaces) == tuple(transfer.iso) else replace(transfer, iso=surfaces)
 
 
@@ -458,7 +460,7 @@ def _draw_surface(transfer: Transfer, number: int, limits: tuple[float, float]) 
     spread = limits[1] - limits[0]
     imgui.set_next_item_width(room * VALUE)
     changed, value = imgui.drag_float("##value", surface.value, spread / STEPS, format="%.5g")
-    imgui.set_item_tooltip("The value of the surface (--iso): drag, or ctrl+click.")
+    show_tip("The value of the surface (--iso): drag, or ctrl+click.")
     if changed:
         # surfaces keep their order
         before = [other.value + APART * spread for other in transfer.iso[:number]]
@@ -620,7 +622,7 @@ class RegionEditor:
             transfer = transfer if moved is region else change_region(transfer, number, moved)
         if implot.is_plot_hovered():
             at = implot.get_plot_mouse_pos()
-            imgui.set_tooltip(f"value {at.x:.4g}, gradient {at.y:.4g}\n{REGION_HINT}")
+            show_tip(f"value {at.x:.4g}, gradient {at.y:.4g}\n{REGION_HINT}", at_cursor=True)
         return transfer
 
     def _buttons(self, transfer: Transfer, plot: JointHistogram) -> Transfer:
@@ -628,12 +630,12 @@ class RegionEditor:
         for shape in REGION_SHAPES if len(transfer.regions) < MOST_REGIONS else ():
             if imgui.button(f"+ {shape}"):
                 return add_region(transfer, shape, plot)
-            imgui.set_item_tooltip(f"One more region: a {shape}.")
+            show_tip(f"One more region: a {shape}.")
             imgui.same_line()
         if any(opacity > 0 for _, opacity in transfer.points):
             if imgui.button("regions alone"):
                 return without_curve(transfer)
-            imgui.set_item_tooltip("Takes the opacity of the curve over values away.")
+            show_tip("Takes the opacity of the curve over values away.")
         else:
             imgui.new_line()
         return transfer

@@ -52,6 +52,7 @@ from splatgl.viewer.commands import (
     Question,
     Save,
     SaveAction,
+    ShowSection,
     WindowRequest,
     are_segmentations,
     ask_for_files,
@@ -61,10 +62,11 @@ from splatgl.viewer.commands import (
 from splatgl.viewer.document import Document
 from splatgl.viewer.files import ADD, OPEN, SAVE, Dialogs, Recent, WindowLayout
 from splatgl.viewer.frame_renderer import FrameRenderer
-from splatgl.viewer.hud import Overlays, help_sprite, progress_text
+from splatgl.viewer.hud import Overlays, help_sprite, progress_text, readout_label
 from splatgl.viewer.input import InputHandler
 from splatgl.viewer.jobs import Extractor, FinishedJob, JobKind, Jobs
 from splatgl.viewer.loading import Files, Loaded, OpenedFile, ReplacedDocument
+from splatgl.viewer.measure_tool import Readout
 from splatgl.viewer.movie_track import stop_preview
 from splatgl.viewer.recorder import Recorder, movie_command, movie_scene
 from splatgl.viewer.reference_view import Reference
@@ -167,7 +169,7 @@ class Viewer:
             self.slices = SliceTool(wake)
             self.input = InputHandler(self.options.commands, self.slices)
             self.extractor, self.reference, self.overlays = Extractor(wake), Reference(Jobs(wake)), Overlays()
-            self.recorder = Recorder()
+            self.recorder, self.readout = Recorder(), Readout(Jobs(wake))
             self.painter = FrameRenderer(self.screen, renderer)
             self.document = document
             self.panel: Any = None
@@ -227,7 +229,7 @@ class Viewer:
     def shown_size(self) -> tuple[int, int]:
         """Pixels of all pictures: the window without the panel and the slices."""
         width, height = self.view.size
-        return max(width - column_width((width, height), self.state.slices.shown), 1), height
+        return max(width - column_width((width, height), self.state.slices), 1), height
 
     def remember(self) -> None:
         """Saves the window's layout and scene for the next one."""
@@ -299,7 +301,17 @@ class Viewer:
             self.state = stop_preview(self.state)
         pointer = self._linked(event, pointer)
         self.update(self.input.handle(event, pointer, self.state, self.document, self.view))
-        if event == "move" and self.state.probe and not self.input.is_dragging:
+        if event == "move" and not self.input.is_dragging:
+            self._look_at_cursor()
+
+    def _look_at_cursor(self) -> None:
+        """Reads the picture under a cursor at rest over a whole picture, and shows the slices' values there."""
+        cursor, frame = self.input.cursor, self.painter.frame
+        covered = self.panel is not None and self.panel.touched
+        is_whole = frame is not None and frame.full and self.refiner.drawn == self.wanted()
+        is_shown = is_whole and self.state.hud != "off" and not (covered or self.state.help)
+        self.readout.look(self.state, self.document, cursor if is_shown else None)
+        if self.state.probe or (self.state.slices.shown and cursor[0] >= self.shown_size[0]):
             self.refresh()
 
     def _linked(self, event: MouseEvent, pointer: Pointer) -> Pointer:
@@ -547,6 +559,7 @@ class Viewer:
         if self.panel is not None and not self.state.help:
             before, panel = self.state, self.panel.panel
             panel.recent, panel.widgets.recording = self.recent, self.recorder.running
+            panel.widgets.idle = self._idle()
             self.state = self.panel.frame(self.state, self.document, self.painter.frame)
             effects, panel.widgets.effects = panel.widgets.effects, []
             self.effects += effects
@@ -560,6 +573,15 @@ class Viewer:
             sprite = help_sprite(size, self.view.size[0], self.window.scale, commands)
             self.screen.mark(size, ScreenMarks(labels=(sprite,)))
 
+    def _idle(self) -> frozenset[str]:
+        """Names of commands that have nothing to do, which their history or the recorder tells."""
+        history, idle = self.history, set[str]()
+        if not (history.past or self.before or history.has_changes(self.state)):
+            idle.add("undo")
+        if not (history.future or self.after):
+            idle.add("redo")
+        return frozenset(idle if self.recorder.running else idle | {"cancel-recording"})
+
     @property
     def drawn_size(self) -> tuple[int, int]:
         """Pixels of the picture, and of the pinned one."""
@@ -567,15 +589,18 @@ class Viewer:
         return width * (1 + (self.state.beside is not None)), height
 
     def _marks(self) -> ScreenMarks:
-        slices = self.slices.marks(self.state, self.document, self.view)
+        covered = self.panel is not None and self.panel.touched
+        cursor = None if covered or self.input.is_dragging else self.input.cursor
+        slices = self.slices.marks(self.state, self.document, self.view, cursor)
         # nothing lies over the help
         if self.document.is_loading or self.painter.frame is None or self.state.help:
             return slices
-        covered = self.panel is not None and self.panel.touched
-        cursor = None if covered or self.input.is_dragging else self.input.cursor
         lies_over = self.panel is not None and self.state.panel and self.view.size[0] == self.window.size[0]
         edge = self.panel.left_edge if lies_over else self.size[0]
-        return self.overlays.marks(self.state, self.document, self.view, cursor, slices, edge)
+        marks = self.overlays.marks(self.state, self.document, self.view, cursor, slices, edge)
+        is_read = cursor is not None and not self.state.probe
+        texts = readout_label(self.readout.lines, self.painter.written_to, edge, self.view.scale) if is_read else ()
+        return replace(marks, labels=(*marks.labels, *texts))
 
     # --- the loop ---------------------------------------------------------------------------------------------------
 
@@ -751,7 +776,7 @@ class Viewer:
                 self._record(None)
             case WindowRequest.FORGET_RECENT:
                 self.recent = self.recent.forgotten()
-            case WindowRequest.PALETTE | WindowRequest.FOCUS:
+            case WindowRequest.PALETTE | WindowRequest.FOCUS | ShowSection():
                 self._reach_panel(effect)
             case WindowRequest.QUIT:
                 self._quit()
@@ -798,13 +823,18 @@ class Viewer:
         state = replace(self.state, pinned=None, preview=None)
         return ReplacedDocument(self.document.coarse(), state, self.history, self.home, self.bases, self.files.shown)
 
-    def _reach_panel(self, effect: WindowRequest) -> None:
-        """Opens the list of commands, or gives the keys to the panel, or back to the picture."""
-        self.state = replace(self.state, panel=self.state.panel or effect is WindowRequest.FOCUS)
+    def _reach_panel(self, effect: WindowRequest | ShowSection) -> None:
+        """Opens the list of commands, or a section of the panel, or gives the keys to the panel or to the picture."""
+        self.state = replace(self.state, panel=self.state.panel or effect is not WindowRequest.PALETTE)
         self.open_panel()
-        if self.panel is not None:
+        if self.panel is None:
+            return
+        if isinstance(effect, ShowSection):
+            self.panel.panel.section = effect.title
+        else:
             (self.panel.focus if effect is WindowRequest.FOCUS else self.panel.panel.palette.open)()
-            self.refresh()
+        # the panel places a section once it is open
+        self.dirty = max(self.dirty, 2)
 
     def _record(self, target: Path | None) -> None:
         """Begins a movie of the state, or copies its command (None); says why it cannot be drawn."""
@@ -903,6 +933,10 @@ class Viewer:
         notes = self.slices.collect()
         for note in notes or ():
             self.say(note)
+        if self.readout.collect(self.document):
+            # the cursor may have moved meanwhile
+            self._look_at_cursor()
+            self.refresh()
         if self.reference.collect() or notes is not None:
             self.refresh()
 

@@ -130,7 +130,8 @@ def settled(viewer: Viewer) -> bool:
     frame = viewer.painter.frame
     still = frame is not None and frame.full and viewer.refiner.drawn == viewer.wanted() and not viewer.dirty
     shown = not viewer.files.times or viewer.files.time == viewer.state.time
-    return still and shown and not viewer.busy and not viewer.slices.jobs.busy and not viewer.reference.jobs.busy
+    threads = viewer.slices.jobs, viewer.reference.jobs, viewer.readout.jobs
+    return still and shown and not viewer.busy and not any(jobs.busy for jobs in threads)
 
 
 def arrived(viewer: Viewer) -> None:

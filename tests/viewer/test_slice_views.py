@@ -87,7 +87,7 @@ def test_slices_have_the_volume_s_proportions() -> None:
         assert pane.room[0] <= left < right <= pane.room[2] and pane.room[1] <= top < bottom <= pane.room[3]
     # windows of any size
     for window in ((64, 64), (2000, 100), (100, 2000), (1, 1)):
-        assert 0 <= column_width(window, True) <= window[0] / 2 and column_width(window, False) == 0
+        assert 0 <= column_width(window, Slices(shown=True)) <= window[0] / 2 and column_width(window, Slices()) == 0
         assert all(np.isfinite(pane.box).all() for pane in panes(Slices(), volume, UP, window, 2.0))
 
 
