@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from splatgl.annotations.canvas import AnnotatedSubject, Annotation, AnnotationView, Canvas, ColorScale, Rect
+from splatgl.annotations.canvas import VOXELS, AnnotatedSubject, Annotation, AnnotationView, Canvas, ColorScale, Rect
 from splatgl.data.affine import METRES, metres_in, unit_name
 from splatgl.data.color import Color, read_background
 from splatgl.errors import expected
@@ -106,7 +106,7 @@ def length_text(length: float, unit: str) -> str:
 
 def _sign_of(unit: str) -> str:
     """The sign of a unit of length; other units stay."""
-    return {"um": "µm"}.get(name := unit_name(unit), name)
+    return {"um": "µm"}.get(name := unit if unit == VOXELS else unit_name(unit), name)
 
 
 def in_digits(length: float, unit: str) -> tuple[float, str]:

@@ -591,8 +591,8 @@ def _close(state: State, document: Document) -> State | tuple[State, Effect]:
 
 
 VIEW_KEYS = {"front": "1", "back": "ctrl+1", "right": "3", "left": "ctrl+3", "top": "7", "bottom": "ctrl+7"}
-LASSO, OVER = "lasso: remove, or keep, what it encloses", "axes and scale, colour bar, box"
-SLICE_LOOKS, SLICE_TURNS = "slices in colours; as planes", "turn slices about x, y, z; shift: back"
+LASSO, OVER = "lasso: remove, or keep", "axes and scale, colour bar, box"
+SLICE_LOOKS, SLICE_TURNS = "slice large; in colours; as planes", "turn slices about x, y, z; shift: back"
 FRONTS, BACKS = "view from the front, right, top", "view from the back, left, bottom"
 ROTATE, ROLLS, KEEPS = ("turn the view", "Rotate"), "roll to the left, right", "keep more, fewer voxels"
 # what the message of the command adds
@@ -658,12 +658,12 @@ MENUS: dict[str, tuple[tuple[Command, ...], ...]] = {
             Command("redo", "redo", ("ctrl+shift+z", "ctrl+y"), _request(WindowRequest.REDO)),
         ),
         (
-            Command("handles", "crop box and handles of clip planes", ("x",), _handles),
+            Command("handles", "crop box and clip handles", ("x",), _handles),
             Command("plane", "clip plane that faces the camera", ("ctrl+x",), _plane),
-            Command("scissors", "lasso: remove what it encloses", ("ctrl+shift+x",), start_lasso(keep=False), LASSO),
-            Command("scissors-keep", "lasso: keep only what it encloses", ("alt+x",), start_lasso(keep=True), LASSO),
+            Command("scissors", "lasso: remove inside", ("ctrl+shift+x",), start_lasso(keep=False), LASSO),
+            Command("scissors-keep", "lasso: keep inside", ("alt+x",), start_lasso(keep=True), LASSO),
             Command("cuts", "clipping on or off", ("shift+x",), _cuts),
-            Command("uncut", "remove crop box, clip planes and lassos", ("delete",), _uncut),
+            Command("uncut", "remove crop box and all cuts", ("delete",), _uncut),
         ),
         (
             Command("segments-show", "show all segments", (), _segments(True)),
@@ -753,12 +753,12 @@ MENUS: dict[str, tuple[tuple[Command, ...], ...]] = {
     "Tools": (
         (
             Command("probe", "value at the cursor", ("y",), _probe),
-            Command("measure", "measure distance between two clicked points", ("e",), _measure(is_angle=False)),
-            Command("angle", "measure angle between three clicked points", (), _measure(is_angle=True)),
+            Command("measure", "measure distance between two points", ("e",), _measure(is_angle=False)),
+            Command("angle", "measure angle between three points", (), _measure(is_angle=True)),
         ),
         (
             Command("slices", "slices: the wheel and clicks move them", ("z",), _slices),
-            Command("large-slice", "one large slice, the next one, or all three", ("shift+l",), _large_slice),
+            Command("large-slice", "one large slice, the next one, or all three", ("h",), _large_slice, SLICE_LOOKS),
             Command("slice-colors", "slices in grey or in colours", ("shift+z",), _slice_colors, SLICE_LOOKS),
             Command("slices-in-space", "slices as planes in the picture", ("alt+z",), _slices_in_space, SLICE_LOOKS),
             *(
@@ -928,8 +928,7 @@ MOUSE = (
     ("left drag", "turn"),
     ("shift, ctrl+left drag", "pan, roll"),
     ("wheel, right drag", "zoom to the cursor"),
-    ("double click", "turn about the point under the cursor"),
-    ("double click a slice", "show it large, or all three"),
+    ("double click", "turn about that point"),
     ("drop a file", "open it, add it, or play a series"),
 )
 

@@ -47,9 +47,8 @@ from splatgl.viewer.state import MOST_PLANES, THEMES, ClipState, State
 
 # share of the panel's width that labels at the left of widgets take
 LABELS = 0.3
-# least width of a tooltip and its distance from a cursor at a content scale of 1, screen units, and the share of the
-# window below which it is above
-TIP, CURSOR, LOW = 260.0, 20.0, 0.7
+# least width of a tooltip at a content scale of 1, screen units, and the share of the window below which it is above
+TIP, LOW = 260.0, 0.7
 
 
 def capitalized(text: str) -> str:
@@ -75,16 +74,16 @@ def label_left(text: str) -> str:
     return f"##{text}"
 
 
-def show_tip(text: str, at_cursor: bool = False) -> None:
+def show_tip(text: str, at_once: bool = False, around: tuple[float, float] | None = None) -> None:
     """The tooltip of the last widget, while the cursor rests on it: in lines of the panel's width, below or above the
-    widget, so that it covers no picture. at_cursor: at once, below or above the cursor.
+    widget, so that it covers no picture. at_once: of a widget that is hovered. around: top and bottom of what the
+    cursor is over, instead of the widget's.
     """
-    if not (at_cursor or imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip)):
+    if not at_once and not imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
         return
-    place, scale, cursor = imgui.get_window_pos(), imgui.get_style().font_scale_main, imgui.get_mouse_pos().y
-    top, below = imgui.get_item_rect_min().y, imgui.get_item_rect_max().y
-    top, below = (cursor - CURSOR * scale, cursor + CURSOR * scale) if at_cursor else (top, below)
-    wide = max(imgui.get_window_width(), TIP * scale)
+    place = imgui.get_window_pos()
+    top, below = around or (imgui.get_item_rect_min().y, imgui.get_item_rect_max().y)
+    wide = max(imgui.get_window_width(), TIP * imgui.get_style().font_scale_main)
     left = min(place.x, imgui.get_io().display_size.x - wide)
     is_low = below > imgui.get_io().display_size.y * LOW
     imgui.set_next_window_pos((left, top if is_low else below), imgui.Cond_.always, (0.0, float(is_low)))

@@ -32,9 +32,10 @@ class PresetGallery:
     def __init__(self) -> None:
         self.volume: Volume | None = None
         self.transfers: dict[str, Transfer] = {}
-        self.small: Volume | None = None
-        # names of presets whose pictures are to be drawn, and the textures of those that are
-        self.missing: list[str] = []
+        # the volume of the pictures, by whether they are quick ones
+        self.small: dict[bool, Volume] = {}
+        # names of presets whose pictures are to be drawn, quick ones first, and the textures of those that are
+        self.missing: list[tuple[str, bool]] = []
         self.textures: dict[str, Any] = {}
         self.is_open = False
 
@@ -50,7 +51,7 @@ class PresetGallery:
             return transfer
         if not was_open:
             # from the view that is shown now
-            self.missing = list(self.transfers)
+            self.missing = [(name, is_quick) for is_quick in (True, False) for name in self.transfers]
         for title, names in grouped_presets().items():
             imgui.separator_text(title)
             for number, name in enumerate(names):
@@ -85,7 +86,7 @@ class PresetGallery:
 
     def _begin(self, volume: Volume, stats: Statistics) -> None:
         """Starts with another volume."""
-        self.volume, self.small, self.missing = volume, None, []
+        self.volume, self.small, self.missing = volume, {}, []
         self.transfers = {name: build_transfer(each, stats, volume) for name, each in PRESETS.items()}
         self.close()
 
@@ -93,13 +94,14 @@ class PresetGallery:
         """Draws the next missing picture while the list is open; whether there was one. ctx: of the window."""
         if not self.is_open or not self.missing or self.volume is None:
             return False
-        name = self.missing.pop(0)
-        if self.small is None:
+        name, is_quick = self.missing.pop(0)
+        if not self.small:
             # of a volume that takes long to halve, every so many voxels
             step = int(np.ceil((self.volume.count / MOST_VOXELS) ** (1 / 3)))
-            self.small = reduce_volume(self.volume) or subsample(self.volume, step)
-        scene = Scene([Layer(self.small, self.transfers[name])])
-        image = draw_small(renderer, scene, pose.resized((PIXELS, PIXELS)).camera)
+            small = reduce_volume(self.volume) or subsample(self.volume, step)
+            self.small = {False: small, True: subsample(small, 2)}
+        scene = Scene([Layer(self.small[is_quick], self.transfers[name])])
+        image = draw_small(renderer, scene, pose.resized((PIXELS, PIXELS)).camera, is_quick)
         with current(ctx):
             old = self.textures.pop(name, None)
             self.textures[name] = ctx.texture((PIXELS, PIXELS), 4, np.ascontiguousarray(image.samples8()).tobytes())

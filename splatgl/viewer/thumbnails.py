@@ -98,6 +98,7 @@ def _draw(scene: Scene) -> bytes:
     return image.encoded(Path("image.png"), 8)
 
 
-def draw_small(renderer: Renderer, scene: Scene, camera: Camera) -> Image:
-    """Picture of a scene on black."""
-    return renderer.render(scene, camera, Settings(background="black", tolerance=LENIENT), verify_bound=False)
+def draw_small(renderer: Renderer, scene: Scene, camera: Camera, is_quick: bool = False) -> Image:
+    """Picture of a scene on black. is_quick: with one sample a pixel."""
+    settings = Settings(background="black", tolerance=LENIENT, antialias="off" if is_quick else "auto")
+    return renderer.render(scene, camera, settings, verify_bound=False)

@@ -82,7 +82,7 @@ class ColorStrip:
         imgui.invisible_button("##colors", (room[1], high))
         if imgui.is_item_hovered():
             value = self._pointed
-            show_tip(f"{value:.4g}\n{COLOR_HINT}", at_cursor=True)
+            show_tip(f"{value:.4g}\n{COLOR_HINT}", True)
             if edited is points and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
                 color = srgb_from_linear(np.clip(transfer.color(np.array(value)), 0.0, 1.0))
                 edited, _ = add_point(points, value, code_of(color))
@@ -140,7 +140,7 @@ class ColorStrip:
             self.picked = number
             imgui.open_popup(PICKER)
         if imgui.is_item_hovered():
-            show_tip(f"{points[number][0]:.5g}: {points[number][1]}", at_cursor=True)
+            show_tip(f"{points[number][0]:.5g}: {points[number][1]}", True)
         return points
 
     def _mark(self, x: float, y: float, radius: float, code: str) -> None:
@@ -239,6 +239,12 @@ NUMBER = 0.29
 ROOM = (-0.05, 1.05)
 HISTOGRAM, LINE, NODE = (0.5, 0.5, 0.55, 0.6), (0.95, 0.6, 0.15, 1.0), (1.0, 0.7, 0.3, 1.0)
 HINT = "drag a point; double click for a new one; right click or ctrl+click removes; the wheel zooms, a drag moves"
+
+
+def plot_ends() -> tuple[float, float]:
+    """Top and bottom of the plot that is drawn, with the numbers of its axis, screen units."""
+    top = implot.get_plot_pos().y
+    return top, top + implot.get_plot_size().y + imgui.get_text_line_height_with_spacing()
 
 
 class CurveEditor:
@@ -352,9 +358,9 @@ class CurveEditor:
             return add_point(points, at.x, opacity_from_axis(at.y))[0]
         shown = dragged if dragged is not None else pointed
         if shown is not None:
-            show_tip(f"{points[shown][0]:.5g}: {points[shown][1]:.4g}", at_cursor=True)
+            show_tip(f"{points[shown][0]:.5g}: {points[shown][1]:.4g}", True, plot_ends())
         elif hovered:
-            show_tip(f"{at.x:.4g}: {opacity_from_axis(at.y):.3g}\n{HINT}", at_cursor=True)
+            show_tip(f"{at.x:.4g}: {opacity_from_axis(at.y):.3g}\n{HINT}", True, plot_ends())
         return points
 
     def _fields(self, points: Nodes) -> Nodes:
@@ -622,7 +628,7 @@ class RegionEditor:
             transfer = transfer if moved is region else change_region(transfer, number, moved)
         if implot.is_plot_hovered():
             at = implot.get_plot_mouse_pos()
-            show_tip(f"value {at.x:.4g}, gradient {at.y:.4g}\n{REGION_HINT}", at_cursor=True)
+            show_tip(f"value {at.x:.4g}, gradient {at.y:.4g}\n{REGION_HINT}", True, plot_ends())
         return transfer
 
     def _buttons(self, transfer: Transfer, plot: JointHistogram) -> Transfer:

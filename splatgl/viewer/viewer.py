@@ -625,12 +625,17 @@ class Viewer:
             return
         self._fill()
         level = self._draw()
+        if level is not None:
+            self._look_at_cursor()
         self._compare()
         self.show()
         if level is None and self.panel is not None and not self.dirty:
             gallery = self.panel.panel.gallery
-            if gallery.render_next(self.renderer, self.state.pose, self.screen.ctx):
+            end = self.now() + WAITED
+            while gallery.render_next(self.renderer, self.state.pose, self.screen.ctx):
                 self.refresh()
+                if self.now() > end:
+                    break
         if level is not None and self.painter.frame is not None:
             picture, whole = self.painter.frame.seconds, time.perf_counter() - begun
             self.painter.whole = whole

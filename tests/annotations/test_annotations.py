@@ -291,11 +291,14 @@ def test_text_goes_where_the_picture_is_empty() -> None:
 
 
 def test_live_overlays_are_what_pictures_have() -> None:
-    """To a step of 8 bits; the second use of the buffers leaves nothing of the first."""
+    """To a step of 8 bits; the second use of the buffers leaves nothing of the first. In perspective, pictures alone
+    state the depth that a scale bar is at, in a second line.
+    """
     overlay, subject = LiveOverlay(), AnnotatedSubject.of(OBLONG)
     names = ["box", "colorbar", "title=Head", *default_names(subject)]
     for angle in (10.0, 50.0, 51.0):
         camera = sg.Camera.orbit(OBLONG, angle, 20, size=(300, 260), zoom=0.6)
+        names = [name for name in names if name != "scale"]
         live = overlay.draw(subject, TRANSFER, camera, names)
         empty = sg.Image(np.zeros((260, 300, 4), np.float32), {"blend": "composite"})
         right = sg.annotated(empty, OBLONG, TRANSFER, camera, names, (0, 0, 0)).pixels
@@ -303,6 +306,19 @@ def test_live_overlays_are_what_pictures_have() -> None:
         assert np.abs(live[..., 3] / 255 - right[..., 3]).max() <= 0.5 / 255 + 1e-6
         linear = np.where(live <= 10, live / 3294.6, ((live / 255 + 0.055) / 1.055) ** 2.4)[..., :3]
         assert np.abs(linear * right[..., 3:] - right[..., :3]).max() < 0.006
+
+
+@pytest.mark.parametrize(("spacing", "label"), [((1, 1, 1), "5 voxels"), ((2, 2, 2), "10 units")])
+def test_a_scale_bar_names_its_unit(spacing: tuple[float, float, float], label: str) -> None:
+    """Voxels of a grid without one. Pictures state the depth that it is at; the window has tooltips."""
+    volume = sg.Volume(np.zeros((20, 20, 20), np.float32), spacing)
+    subject, camera = AnnotatedSubject.of(volume), sg.Camera.orbit(volume, size=(200, 200))
+    scale = scale_of(subject, camera)
+    assert scale is not None and scale.label == label
+    live = LiveOverlay().draw(subject, TRANSFER, camera, ["scale"])[..., 3]
+    picture = sg.annotated(sg.Image(np.zeros((200, 200, 4), np.float32), {}), subject, TRANSFER, camera, ["scale"])
+    rows = [pixels.any(axis=1).sum() for pixels in (live, picture.pixels[..., 3])]
+    assert 0 < rows[0] < rows[1] - 5
 
 
 def test_an_eye_within_the_box_is_told() -> None:

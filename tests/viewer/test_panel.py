@@ -18,12 +18,12 @@ from tests.helpers.window import MISSING, Window, pointed
 
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 # places in a window of 600 × 585 pixels: the fields of the extinction and of the threshold, and lists
-EXTINCTION, THRESHOLD, COLORS = (463, 526), (400, 551), (450, 426)
-PRESET, FIRST, SHIFT = (450, 116), (340, 50), (463, 476)
+EXTINCTION, THRESHOLD, COLORS = (463, 166), (400, 191), (450, 116)
+PRESET, FIRST, SHIFT = (450, 91), (350, 80), (463, 501)
 # seconds that the cursor rests before a tooltip
 TOOLTIP = 0.4
 # the list of shapes and its first one; two places of the strip of colours, without a point
-SHAPES, STEP, STRIP, ASIDE = (500, 402), (460, 446), (510, 356), (540, 356)
+SHAPES, STEP, STRIP, ASIDE = (500, 477), (460, 357), (510, 431), (540, 431)
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +107,7 @@ def test_commands_are_found_by_their_words(panel: Window) -> None:
         before = panel.key("tab") if hidden else panel.ask("look")
         panel.hands("key", "ctrl+p")
         panel.ask("settle")
-        panel.hands("type", "next b")
+        panel.hands("type", "next bl")
         told = panel.ask("settle")
         assert told["dialog"] and told["settings"] == before["settings"]
         panel.hands("key", "Down", "Up")

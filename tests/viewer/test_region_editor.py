@@ -106,8 +106,8 @@ def test_a_copy_draws_the_same_picture(tmp_path: Path, renderer: sg.Renderer, mo
 
 # places in a window of 600 × 585 pixels: the tab, its buttons, opacity and removal of the first region, and the plot,
 # whose values and gradients go from its left and lower end
-TAB, BOX, TRIANGLE, ALONE, OPACITY, REMOVE = (370, 142), (292, 361), (345, 361), (515, 361), (355, 386), (437, 386)
-LEFT, LOW, WIDTH, HEIGHT = 309, 325, 256, 165
+TAB, BOX, TRIANGLE, ALONE, OPACITY, REMOVE = (370, 242), (292, 436), (345, 436), (515, 436), (355, 461), (437, 461)
+LEFT, LOW, WIDTH, HEIGHT = 309, 400, 256, 140
 MIDDLE = (LEFT + WIDTH // 2, LOW - HEIGHT // 2)
 
 

@@ -12,8 +12,8 @@ from tests.helpers.window import MISSING, Window, pointed
 
 # places in a window of 600 × 450 pixels: the menu of a mesh, its list of cuts and the last of them; headings, and the
 # value of a surface; a pixel of the mesh, and the column through the middle of the volume, left of the panel
-MENU, CUTS, VOLUME = (552, 141), (516, 184), (480, 268)
-CURVE, SURFACES, VALUE = (360, 191), (360, 216), (310, 241)
+MENU, CUTS, VOLUME = (552, 116), (516, 159), (480, 243)
+LOOK, CURVE, SURFACES, VALUE = (360, 166), (360, 191), (360, 216), (310, 241)
 STONE, COLUMN = (220, 230), 255
 SCENE = """volume = "ball.npy"
 clip = "y>0.5"
@@ -64,6 +64,7 @@ def test_surfaces_and_caps_by_hand(tmp_path: Path) -> None:
     assert found[1] > 150 and found[1] > found[2] + 50
     assert window.key("ctrl+z")["message"] == "undone"
     assert np.abs(window.shot()[STONE[1], STONE[0]].astype(int) - blue).max() <= 1
+    clicked(window, LOOK)
     clicked(window, CURVE)
     clicked(window, SURFACES)
     rows = red_rows(window)
