@@ -57,7 +57,7 @@ class Readout:
         """Picks what is under the cursor, once for each pixel and picture; None: nothing is."""
         pixel = None if cursor is None else (int(np.floor(cursor[0])), int(np.floor(cursor[1])))
         size = state.pose.camera.size
-        if pixel is None or not (0 <= pixel[0] < size[0] and 0 <= pixel[1] < size[1]) or not document.is_complete:
+        if pixel is None or not (0 <= pixel[0] < size[0] and 0 <= pixel[1] < size[1]) or 1 not in document.extracted:
             self.key, self.lines = (), ()
             return
         key = pixel, state.pose, state.settings, document

@@ -19,8 +19,9 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import angles
 from splatgl.viewer.commands import TURN, Copy, name_of, with_settings
 from splatgl.viewer.document import Document
-from splatgl.viewer.hud import RULER, TIP, Overlays, crop_sprites, ruler_marks
-from splatgl.viewer.measure_tool import add_ruler_point, describe_pick, under_cursor
+from splatgl.viewer.hud import RULER, TIP, Overlays, crop_sprites, readout_label, ruler_marks
+from splatgl.viewer.jobs import Jobs
+from splatgl.viewer.measure_tool import Readout, add_ruler_point, describe_pick, under_cursor
 from splatgl.viewer.saving import copy_text, draw_strokes, save_picture, save_scene
 from splatgl.viewer.state import EDITS, History, Ruler, State, changed_fields, played
 from splatgl.viewer.trackball import Mouse, Pose, project, up_direction
@@ -61,6 +62,22 @@ def test_the_value_under_the_cursor(document: Document) -> None:
     cut = replace(state, settings=state.settings.replace(clip=[(1.0, 0.0, 0.0, 12.0)]))
     deeper = under_cursor(cut, document, (80.5, 29.5))
     assert deeper is not None and deeper.place[0] == pytest.approx(12.0, abs=0.3)
+
+
+def test_the_cursor_is_read_in_a_thread(document: Document) -> None:
+    """Once for each pixel; nothing beyond the picture."""
+    readout, state = Readout(Jobs(lambda: None)), along_x(document)
+    readout.look(state, document, (80.5, 29.5))
+    readout.look(state, document, (10.5, 20.5))
+    assert readout.jobs.wait(60.0) and readout.collect(document)
+    assert readout.lines == describe_pick(under_cursor(state, document, (80.5, 29.5)), document)
+    assert readout.lines[0].startswith("value: ") and readout.lines[1].startswith("at 7.")
+    readout.look(state, document, (80.9, 29.1))
+    assert not readout.jobs.all and not readout.collect(document)
+    (shown,) = readout_label(readout.lines, 40, 200.0, 1.0)
+    assert shown.place[1] > 40 and readout_label(readout.lines, 40, 20.0, 1.0) == ()
+    readout.look(state, document, None)
+    assert readout.lines == readout_label(readout.lines, 40, 200.0, 1.0) == ()
 
 
 def test_clouds_of_points_have_no_value_there(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from splatgl.viewer.saving import append_slices
 from splatgl.viewer.slice_planes import layer_painter
 from splatgl.viewer.slice_views import Pane, SliceTool, clip_strokes, column_width, panes, slice_values
 from splatgl.viewer.state import Slices, State
-from splatgl.viewer.trackball import Viewport
+from splatgl.viewer.trackball import Pointer, Viewport
 from tests.helpers.blobs import blob
 from tests.helpers.commands import acted
 from tests.helpers.window import MISSING, Window, resized
@@ -237,6 +237,34 @@ def test_keys_show_them(tmp_path: Path) -> None:
     moved = replace(state, slices=acted(state, "slice-colors", document).slices.at((0, 0, 0), document.volume))
     # another file: shown, in its middle
     assert moved.slices.colored and moved.opened(document).slices == Slices(shown=True, colored=True)
+
+
+def test_one_slice_is_large(tmp_path: Path) -> None:
+    """By a double click, or one after the other by a key; the values are those under the cursor."""
+    np.save(tmp_path / "blob.npy", np.arange(8000, dtype=np.float32).reshape(20, 20, 20))
+    document = Document.open(SceneFile(str(tmp_path / "blob.npy")))
+    state = acted(State.of(document, (120, 80)), "slices", document)
+    tool, view = SliceTool(lambda: None), Viewport((400, 300))
+    pane = tool.panes(state, document, view)[1]
+    at = (pane.box[0] + 5.0, pane.box[1] + 5.0)
+    for _ in range(2):
+        state = tool.press(state, document, view, Pointer(at, "left")) or state
+        tool.release(state, document, view, Pointer(at, "left"))
+    (large,) = tool.panes(state, document, view)
+    assert large.axis == pane.axis and large.box[3] - large.box[1] > 2 * (pane.box[3] - pane.box[1])
+    assert large.room[0] >= 0.35 * 400
+    middle, corner = (
+        slice_values(state, document, 60, None if place is None else large.point(place))
+        for place in (None, (large.box[2] - 1, large.box[3] - 1))
+    )
+    assert middle != corner
+    texts = [len(tool.marks(state, document, view, cursor).labels[-1].pixels) for cursor in (None, at)]
+    assert texts[1] > 1.5 * texts[0]
+    axes = []
+    for _ in range(4):
+        state = acted(state, "large-slice", document)
+        axes.append(state.slices.large)
+    assert set(axes) == {None, 0, 1, 2}
 
 
 def slice_colors_at(state: State, document: Document, index: tuple[int, int, int]) -> list[int]:
