@@ -878,12 +878,22 @@ COMMANDS = tuple(
     for number, commands in enumerate(groups)
     for command in commands
 )
+
+
+def _is(name: str, value: str) -> Callable[[State], bool]:
+    return lambda state: bool(attrgetter(name)(state) == value)
+
+
+def _is_annotated(name: str) -> Callable[[State], bool]:
+    return lambda state: text_of(state.annotate, name) is not None
+
+
 # whether the switch of a command is on, or the choice that it makes is made
 TICKS: dict[str, Callable[[State], bool]] = {
     **{name: attrgetter(name) for name in ("panel", "turntable", "fullscreen", "probe", "help")},
-    **{f"blend-{name}": lambda state, name=name: state.settings.blend == name for name in choices()["blend"]},
-    **{f"colormap-{name}": lambda state, name=name: state.style.base.colormap == name for name in CORE},
-    **{name: lambda state, name=name: text_of(state.annotate, name) is not None for name in ANNOTATIONS},
+    **{f"blend-{name}": _is("settings.blend", name) for name in choices()["blend"]},
+    **{f"colormap-{name}": _is("style.base.colormap", name) for name in CORE},
+    **{name: _is_annotated(name) for name in ANNOTATIONS},
     "handles": lambda state: state.cuts.shown,
     "large-slice": lambda state: state.slices.shown and state.slices.large is not None,
     "cuts": lambda state: state.cuts.any and state.cuts.active,
