@@ -607,7 +607,7 @@ def _view_command(view: str, key: str) -> Command:
 
 # sections of the panel, and other words that find them
 SECTIONS = {
-    "Look": "appearance display properties volume rendering contrast brightness level range gamma",
+    "Look": "threshold appearance display properties volume rendering contrast brightness level range gamma",
     "Transfer function": "histogram curve opacity gradient mapping scalar points editor",
     "Layers": "channels list tree pipeline outliner visibility merge",
     "Iso-surfaces": "contour isosurface isovalue marching cubes model",

@@ -90,7 +90,7 @@ EDGE = (128, 128, 128, 255)
 # pixels per character of a message line, at a content scale of 1
 LETTER = 7.5
 # largest width of the text, as a share of the window
-COLUMN = 0.45
+COLUMN = 0.42
 # pictures less wide have room for annotations alone, pixels at a content scale of 1
 NARROW = 200.0
 # pixels at a content scale of 1 that annotations take at the top of these
@@ -322,7 +322,7 @@ class FrameRenderer:
 
 def _column(size: tuple[int, int], scale: float) -> int:
     """Letters in a line of text over a picture."""
-    return max(20, int(size[0] / LETTER / scale * COLUMN))
+    return max(16, int(size[0] / LETTER / scale * COLUMN))
 
 
 def _wrap(text: str, width: int) -> list[str]:

@@ -472,8 +472,8 @@ class History:
     def _at(self, step: State, state: State, message: str) -> State:
         kept = {name: getattr(state, name) for name in PASSING}
         if step.slice_planes != state.slice_planes or step.slices.turn != state.slices.turn:
-            shown = {name: getattr(state.slices, name) for name in ("shown", "colored", "large")}
-            kept["slices"] = replace(step.slices, **shown)
+            looks = {name: getattr(state.slices, name) for name in ("shown", "colored", "large")}
+            kept["slices"] = replace(step.slices, **looks)
         shown = replace(step, **{**kept, "message": message, "pose": step.pose.resized(state.pose.camera.size)})
         self.now = _as_step(shown)
         return shown
