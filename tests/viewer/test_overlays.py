@@ -104,7 +104,7 @@ def test_measures_are_those_of_their_points(document: Document) -> None:
     state = measured(along_x(document), "measure", document, (50.5, 60.5), (110.5, 60.5))
     # 60 pixels of a tenth of a voxel
     subject = replace(AnnotatedSubject.of(document.volume), unit="mm")
-    assert measure_text(state.measures[0], subject) == "6 mm" and state.message == "distance 6"
+    assert measure_text(state.measures[0], subject) == "6 mm" and state.message == "distance 6 voxels"
     assert state.ruler.active and not state.ruler.points and state.annotate[-1] == "measures"
     begun = add_ruler_point(state, document, (80.5, 50.5))
     strokes = ruler_marks(begun.ruler, state.pose.camera, 1.0)

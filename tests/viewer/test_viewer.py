@@ -212,9 +212,9 @@ def test_list_bindings(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_remapping(tmp_path: Path) -> None:
-    (tmp_path / "keys.toml").write_text('[bindings]\nturn = ["t", "Ctrl+Space"]\nquit = "h"\n')
+    (tmp_path / "keys.toml").write_text('[bindings]\nturn = ["t", "Ctrl+Space"]\nquit = "ctrl+h"\n')
     keys = {key: command.id for key, command in keymap(load_bindings(tmp_path / "keys.toml")).items()}
-    assert keys["t"] == keys["ctrl+space"] == "turn" and keys["h"] == "quit"
+    assert keys["t"] == keys["ctrl+space"] == "turn" and keys["ctrl+h"] == "quit"
     assert "space" not in keys and "q" not in keys and keys["r"] == "reset"
 
 
