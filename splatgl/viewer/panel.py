@@ -433,7 +433,7 @@ class Panel:
                         for line in hud.full_lines(state, document, frame, None)[1:]:
                             imgui.text_wrapped(plain(line))
             if self._header("Files"):
-                state = panel_sections.draw_files(state, document, self.widgets, self.recent)
+                state = panel_sections.draw_files(state, document, self.widgets, self.recent.paths)
             if self._header("Statistics"):
                 volume = document.pool.get(state.style.number, document.layers[0]).volume
                 stats = self.curve.statistics_of(volume)
