@@ -141,7 +141,7 @@ def test_the_command_tells_the_kernel(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_surfaces_and_lines_are_gltf(tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh")
     pytest.importorskip("skimage")
-    path = sg.export(volume(), tmp_path / "ball.glb", iso=[100, 180], **{"size": 32})
+    path = sg.export(volume(), tmp_path / "ball.glb", iso=[100, 180], size=32)
     scene = trimesh.load(path)
     assert len(scene.geometry) == 2
     outer, inner = sorted(scene.geometry.values(), key=lambda mesh: -mesh.area)

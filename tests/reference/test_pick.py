@@ -129,11 +129,11 @@ def test_no_thin_matter_is_stepped_over(seed: int) -> None:
 
 
 def test_a_volume_keeps_its_voxels_until_its_samples_change(monkeypatch: pytest.MonkeyPatch) -> None:
-    from splatgl.planning import resolve
+    from splatgl.splat.extract import extract
 
     taken: list[str] = []
-    extract = resolve.extract
-    monkeypatch.setattr(resolve, "extract", lambda *a, **k: taken.append("voxels") or extract(*a, **k))
+    name = "splatgl.planning.resolve.extract"
+    monkeypatch.setattr(name, lambda *a, **k: taken.append("voxels") or extract(*a, **k))
     samples = np.arange(1000.0).reshape(10, 10, 10)
     volume = sg.Volume(samples)
     camera = sg.Camera.orbit(volume, size=(8, 8))

@@ -421,7 +421,7 @@ def test_channels_have_looks_of_their_own() -> None:
     """A preset, with its shading and in the channel's colour, or a colour map; others stay, by name or number."""
     both = channels()
 
-    def looks(**options: Any) -> list[sg.Transfer]:
+    def looks(**options: Any) -> list[Any]:
         return [layer.transfer for layer in opened(scene_of(both, None, None, None, options)).scene.layers]
 
     plain, mixed = looks(), looks(look_of={"GFP": "surface"})

@@ -303,10 +303,11 @@ def test_sheets_have_one_scale_and_all_slices(tmp_path: Path) -> None:
 def test_letters_and_titles_lie_beside_the_slices_of_a_sheet() -> None:
     """A slice covers the pixels of its box alone, and none of it is hidden; small ones have titles over them."""
     volume = sg.Volume(np.full((6, 20, 20), 7, np.uint8), frame="LPS", unit="mm")
-    look = {"points": [(0, 0), (7, 1)], "colormap": "#0000ff", "window": (0, 7), "slices": ["z=1", "z=2", "x"]}
+    look: Any = {"points": [(0, 0), (7, 1)], "colormap": "#0000ff", "window": (0, 7), "slices": ["z=1", "z=2", "x"]}
     image = sg.render(volume, size=(400, 200), **look)
     inside = np.zeros(image.pixels.shape[:2], bool)
-    for row in image.info["slices"]:
+    slices: Any = image.info["slices"]
+    for row in slices:
         left, top, right, bottom = row["pixels"]
         inside[top:bottom, left:right] = True
         assert (image.pixels[top - 16 : top, left:right, 0] > 0.5).any()
@@ -317,11 +318,12 @@ def test_letters_and_titles_lie_beside_the_slices_of_a_sheet() -> None:
 
 def test_measures_are_drawn_on_the_slices_that_contain_them() -> None:
     volume = sg.Volume(np.full((6, 20, 20), 7, np.uint8), (1.0, 1.0, 2.0), unit="mm")
-    look = {"points": [(0, 0), (7, 1)], "colormap": "#0000ff", "window": (0, 7), "size": (300, 200)}
+    look: Any = {"points": [(0, 0), (7, 1)], "colormap": "#0000ff", "window": (0, 7), "size": (300, 200)}
     measures = [[(4, 9.5, 4), (16, 9.5, 4.9)], [(4, 9.5, 4), (16, 9.5, 8)]]
     image = sg.render(volume, slices=["z=2", "z=3"], measures=measures, **look)
     drawn = []
-    for row in image.info["slices"]:
+    slices: Any = image.info["slices"]
+    for row in slices:
         left, top, right, bottom = row["pixels"]
         middle = top + (bottom - top) / 2
         rows, columns = np.nonzero(image.pixels[round(middle - 2) : round(middle + 2), left:right, 0] > 0.3)
