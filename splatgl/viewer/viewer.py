@@ -146,6 +146,12 @@ class Viewer:
     files: what is being read already; failed: why nothing could be shown at all.
     """
 
+    # what was shown before the document was opened, and after it was left by undo
+    before: ReplacedDocument | None = None
+    after: ReplacedDocument | None = None
+    # whether the next request to quit is obeyed although edits are lost
+    warned = False
+
     def __init__(
         self, document: Document, renderer: Renderer, options: Options | None = None, files: Files | None = None
     ) -> None:
@@ -187,11 +193,6 @@ class Viewer:
             raise
         self.history = History(self.state)
         self.recent, self.dialogs, self.chosen_options = Recent.of(os.environ), Dialogs(), AS_SHOWN
-        # what was shown before the document was opened, and after it was left by undo
-        self.before: ReplacedDocument | None = None
-        self.after: ReplacedDocument | None = None
-        # whether the next request to quit is obeyed although edits are lost
-        self.warned = False
         # the view that was fitted to the document
         self.home = self.state.pose
         # transfer functions as opened: a file that changes keeps edited ones

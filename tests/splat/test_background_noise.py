@@ -129,7 +129,7 @@ def test_the_neuron_with_an_offset(noise: int) -> None:
         pytest.skip(f"{path} is not here")
     clean = np.asarray(sg.load(path).samples)
     plain = default_transfer(Volume(clean))
-    assert plain.points == ((6.5, 0.0), (158.0, 0.8))
+    assert plain.points == ((6.5, 0.0), (255.0, 0.8))
     samples = filmed(clean, 100, noise)
     transfer = default_transfer(Volume(samples))
     right = plain.opacity(clean) > 0
