@@ -25,7 +25,7 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -44,7 +44,6 @@ SECONDS, WALL = 2.0, 15.0
 
 PROCESSES = 2
 WIDTH = 10
-FIRST = 12
 FAULTS = ("other", "printed", "crash", "hang", "over", "leak")
 NUMBERS: tuple[str, ...] = ("0", "-1", "1", "3", "255", "65535", "99999", "2147483647", "4294967296")
 NUMBERS += ("9223372036854775807", "1e308", "99999999999999999999999", "-9999999", "nan", "inf", "1.5")
@@ -154,11 +153,17 @@ def write(seed: Seed, other: Seed, chance: random.Random, folder: Path) -> Path:
     main = seed.main
     if seed.name_matters and chance.random() < 0.7:
         main = number(main.encode(), chance, b"").decode()[:200]
-    for name, whole_data in seed.files.items():
-        path = folder / (main if name == seed.main else name)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data if name == victim else whole_data)
+    files = {**seed.files, victim: data}
+    _place({main if name == seed.main else name: content for name, content in files.items()}, folder)
     return folder / main
+
+
+def _place(files: Mapping[str, bytes], folder: Path) -> Path:
+    for name, data in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+    return folder
 
 
 def outcome(path: Path, kind: str) -> tuple[str, str]:
@@ -207,11 +212,11 @@ def case(reader: str, index: int, seed: int, folder: Path) -> Path:
 
 def work(reader: str, indices: range, seed: int, folder: Path, pipe: Connection) -> None:
     """Reads files one by one and sends (number, outcome, message)."""
-    # 1. some files, so that imports, and threads and processes that libraries keep, do not count; then the limits
+    # 1. sound files, so that imports, and threads and processes that libraries keep, do not count; then the limits
     warnings.simplefilter("ignore", InputWarning)
     quick_looks(reader, list(SEEDS[reader]()[0].files))
-    for index in range(-FIRST, 0):
-        outcome(case(reader, index, seed, folder), SEEDS[reader]()[0].kind)
+    for number, sound in enumerate(SEEDS[reader]()):
+        outcome(_place(sound.files, folder.with_name(f"{folder.name}-{number}")) / sound.main, sound.kind)
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + LIMIT, used + LIMIT))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
