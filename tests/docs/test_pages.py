@@ -332,6 +332,13 @@ def write_dicom(name: str) -> None:
     dicom.written(Path(name), blob(16, 16, 16) * 4 - 1000)
 
 
+def write_patients(pattern: str) -> None:
+    for patient in ("t1", "t2"):
+        folder = Path(pattern.replace("*", patient))
+        folder.mkdir(parents=True)
+        write_dicom(str(folder))
+
+
 def write_kernel(name: str) -> None:
     text = 'import splatgl as sg\nsmooth = sg.PiecewiseCubic.of_family("my-smooth", 1.0, 0.0)\n'
     Path(f"{name}.py").write_text(text)
@@ -350,6 +357,7 @@ FILES: dict[str, Callable[[str], None]] = {
     "carotid_76x49x45_scalar_and_velocity.vtk": write_flow,
     "cells.ome.tif": write_channels,
     "dicom_folder": write_dicom,
+    "patients/*/ct": write_patients,
     "implant.ply": write_mesh,
     "my_kernels": write_kernel,
     "surface.vtp": write_surface,
@@ -406,7 +414,7 @@ def test_commands(command: str, here: Path) -> None:
     assert main([name, *arguments]) == 0
     for option, output in pairwise(arguments):
         if option == "-o" and "--ref" not in arguments:
-            assert Path(output.format(frame=0, name="t1")).exists(), output
+            assert Path(output.format(frame=0, name="t1", folder="t1")).exists(), output
 
 
 # --- snippets and files ----------------------------------------------------------------------------------------------
