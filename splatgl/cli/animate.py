@@ -14,7 +14,7 @@ from splatgl.cli.options import (
     require_sources,
     scene_from,
 )
-from splatgl.cli.parser import add_options, group_of
+from splatgl.cli.parser import JoinList, add_options, group_of
 from splatgl.options import HelpGroup
 from splatgl.scene.draw import DrawOptions, WorkerOptions
 from splatgl.splat.settings import Settings
@@ -36,7 +36,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--fps", type=float, metavar="N", help=about)
     group.add_argument("--resume", action="store_true", help="keep frames that exist")
     about = "scale,colorbar,legend,axes,directions,box,title=TEXT,time=TEXT; time: of each volume of a series"
-    parser.add_argument("--annotate", metavar="NAMES", help=about)
+    parser.add_argument("--annotate", action=JoinList, metavar="NAMES", help=about)
     parser.add_argument(
         "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample (default 8)"
     )

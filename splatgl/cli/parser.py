@@ -140,6 +140,16 @@ class HelpAll(argparse.Action):
         parser.exit()
 
 
+class JoinList(argparse.Action):
+    """A list with commas: an option that is repeated adds to it."""
+
+    def __call__(self, _parser: Any, namespace: argparse.Namespace, values: Any, _option: str | None = None) -> None:
+        """Stores the list with the values."""
+        before = getattr(namespace, self.dest, None)
+        joined = f"{before},{values}" if isinstance(values, str) else (before or ()) + values
+        setattr(namespace, self.dest, joined if before else values)
+
+
 def add_options(parser: argparse.ArgumentParser, record: Any, *names: str) -> None:
     """Adds the options that a dataclass declares, or some of them, in groups by their titles."""
     from splatgl.options import declared, names_of
@@ -163,7 +173,7 @@ def add_option(parser: argparse.ArgumentParser, name: str, option: Option, defau
         arguments |= {"type": kind.parse, "metavar": option.metavar or kind.metavar}
         arguments |= {"choices": option.choices, "type": str} if option.choices and kind.read is str else {}
         arguments |= {"nargs": "?", "const": option.bare} if option.bare is not None else {}
-        arguments |= {"action": "append"} if option.repeat else {}
+        arguments |= {"action": "append"} if option.repeat else {"action": JoinList} if default == () else {}
     flag = option.flag or f"--{name.replace('_', '-')}"
     action: Any = group_of(parser, option.group).add_argument(flag, **arguments)
     # a single word says no more than the flag

@@ -375,6 +375,17 @@ def test_what_cannot_be_checked_is_refused_before_drawing(
     assert why in said(capsys) and not Path("x.png").exists()
 
 
+def test_repeated_lists_are_joined(here: Path) -> None:
+    """The second of an option with a list, such as --annotate, adds to the first."""
+    for command, name in ((["render"], "x.png"), (["animate", "--frames", "1", "--quiet"], "{frame}.png")):
+        pictures = []
+        for names in (["box,axes"], ["box", "axes"], ["axes"]):
+            options = [word for each in names for word in ("--annotate", each)]
+            assert main([*command, "noise.npy", *options, "--size", "128", "-o", name]) == 0
+            pictures.append(sg.Image.load(name.format(frame=0)).pixels)
+        assert np.array_equal(pictures[0], pictures[1]) and not np.array_equal(pictures[1], pictures[2])
+
+
 def test_an_annotated_xray_is_summed_up(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Errors are relative to the brightest sum, not to the scale of the annotated picture."""
     arguments = ("--blend", "xray", "--size", "64", "--check", "30", "-o", "x.png")
