@@ -465,7 +465,9 @@ def extraction_kind(settings: Settings, moving: bool, why: str | None, voxels: i
     """
     how: str = settings.classification
     if how == "auto":
-        is_pre = why or why_per_splat(settings, moving) or (settings.shows_value and voxels > MOST_KEPT)
+        # of maxima, only few voxels may be kept
+        too_many = settings.shows_value and settings.join != "max" and voxels > MOST_KEPT
+        is_pre = why or why_per_splat(settings, moving) or too_many
         how = "pre" if is_pre and not settings.needs_values else "post"
     if how == "pre":
         return how, ""
@@ -492,9 +494,12 @@ def extract_for_settings(
         # extract() falls back to voxels if there are too many values
         return extract(volume, transfer, threshold, progress=progress, kernel=kernel)
     splats = extract(volume, transfer, threshold, progress=progress, classification=how, kernel=kernel)
-    if settings.classification != "auto" or moving:
+    if settings.classification != "auto":
         return splats
-    return replace(splats, source=SplatSource(volume, transfer, threshold))
+    source = SplatSource(volume, transfer, threshold)
+    if how == "post-max" and len(splats) > MOST_KEPT:
+        splats = source.made[how, kernel, 0] = source.splats("pre", "")
+    return splats if moving else replace(splats, source=source)
 
 
 def select_splats(splats: Splats, settings: Settings, moving: bool, camera: Camera | None = None) -> Splats:

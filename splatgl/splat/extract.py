@@ -74,7 +74,7 @@ class SplatSource:
 
     def splats(self, classification: str, kernel: str, reach: int = 0) -> Splats:
         """Extracts splats once for each classification, kernel and reach; reach: see `_extract_visible`; 0: of all
-        voxels, hidden ones included.
+        voxels, hidden ones included. More than MOST_KEPT values of maxima are classified before reconstruction.
         """
         key = classification, kernel, reach
         if key not in self.made:
@@ -84,6 +84,8 @@ class SplatSource:
                 if reach
                 else extract(*how, classification=classification, kernel=kernel)
             )
+            if classification == "post-max" and len(self.made[key]) > MOST_KEPT:
+                self.made[key] = self.splats("pre", "")
         return self.made[key]
 
 

@@ -164,6 +164,24 @@ def test_volumes_of_which_voxels_are_classified(
     assert f"reconstruction left out: {said}" in renderer.plan(splats, camera).explain()
 
 
+def test_maxima_of_many_voxels_are_of_values(
+    renderer: sg.Renderer, camera: sg.Camera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where few of the voxels may be seen; else of colours, as for other blends of one value, and a note says so."""
+    mip, place = sg.Settings(blend="mip"), np.indices((16, 16, 16))
+    bright = sg.Volume((np.linalg.norm(place - 7.5, axis=0) < 2).astype(np.float32))
+    noisy = sg.Volume(np.random.default_rng(1).random((16, 16, 16)))
+    right = renderer.render(extract_for_settings(bright, TRANSFER, mip), camera, mip).pixels
+    for module in (extract, resolve):
+        monkeypatch.setattr(module, "MOST_KEPT", 3000)
+    for made in (extract_for_settings(bright, TRANSFER, mip), sg.extract(bright, TRANSFER)):
+        image = renderer.render(made, camera, mip)
+        assert image.info["classification"] == "post" and np.array_equal(image.pixels, right)
+    made = extract_for_settings(noisy, sg.Transfer([(0.1, 0.0), (0.8, 0.6)]), mip)
+    assert select_splats(made, mip, False).post is None
+    assert "more than 3,000 values" in renderer.plan(made, camera, mip).explain()
+
+
 def test_explain_says_why_not(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera) -> None:
     told = renderer.plan(splats, camera, sg.Settings(order="back-to-front")).explain()
     for part in ("classification after reconstruction", "sheets"):
