@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
+import signal
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from threading import Lock, Timer
 from typing import Any
@@ -16,6 +19,8 @@ from splatgl.plugins import find_function
 
 # seconds for which the process waits for another call, and that a call may take: some, and one for so many bytes
 IDLE, SECONDS, BYTES = 60.0, 60.0, 2**17
+# seconds of the processor that a call may take, where the system limits them: they end a process whose caller has ended
+BUSY, BUSY_BYTES = 10.0, 2**19
 # bytes of the process itself, libraries included
 OWN = 2**30
 # the open process, by the one that started it: a copy of that by `fork` has to start its own
@@ -27,7 +32,7 @@ def call(place: str, size: int, *arguments: object) -> Any:
     """The value of the function at module.function of this folder, called with arguments in another process, within
     this one's memory budget. size: bytes of the file. Raises the function's InputError, and one where it fails.
     """
-    request = pickle.dumps((place, budget(), arguments))
+    request = pickle.dumps((place, budget(), BUSY + size / BUSY_BYTES, arguments))
     with _lock:
         # a process that is not new may be at its end, or harmed by an earlier file
         for is_new in (False, True):
@@ -47,7 +52,7 @@ def call(place: str, size: int, *arguments: object) -> Any:
             if answer is not None:
                 _open[os.getpid()] = process
                 break
-            if is_new:
+            if is_new or process.returncode == -getattr(signal, "SIGXCPU", 0):
                 why = "crashes, takes too long or needs more memory than there is"
                 raise InputError(f"cannot be read: the format's library {why}; the file may be damaged")
     if isinstance(answer, BaseException):
@@ -85,11 +90,11 @@ def serve() -> None:
         while True:
             idle = Timer(IDLE, os._exit, (0,))
             idle.start()
-            place, memory, arguments = pickle.load(sys.stdin.buffer)
+            place, memory, seconds, arguments = pickle.load(sys.stdin.buffer)
             idle.cancel()
             answer: object
             try:
-                _limit(memory)
+                _limit(memory, seconds)
                 with within(memory):
                     answer = (find_function(place, __package__)(*arguments),)
             except USER_ERRORS as error:
@@ -99,8 +104,8 @@ def serve() -> None:
     os._exit(0)
 
 
-def _limit(memory: int) -> None:
-    """Limits the memory of this process, where the system can."""
+def _limit(memory: int, seconds: float) -> None:
+    """Limits the memory of this process, and its further seconds of the processor, where the system can."""
     with suppress(ImportError, OSError, ValueError, AttributeError):
         import resource
 
@@ -108,3 +113,5 @@ def _limit(memory: int) -> None:
         most = OWN + memory
         resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
+        resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(time.process_time() + seconds), hard))

@@ -21,8 +21,8 @@ XML_TYPES = {
     for name, code, sizes in (("Int", "i", (1, 2, 4, 8)), ("UInt", "u", (1, 2, 4, 8)), ("Float", "f", (4, 8)))
     for size in sizes
 }
-# deepest nesting of files that name others
-_DEPTH = 8
+# deepest nesting of files that name others; largest numbers of what VTK goes through one by one
+_DEPTH, _MOST = 8, {"NumberOfComponents": 2**16, "level": 2**8}
 _APPENDED, _END = b"<AppendedData", b"</AppendedData"
 
 
@@ -140,7 +140,7 @@ def parse_numbers(element: Element, name: str, default: str, count: int) -> list
     except ValueError:
         numbers = []
     if len(numbers) != count or not np.isfinite(numbers).all():
-        raise expected(name, f"{count} numbers", repr(text))
+        raise expected(name, f"{count} numbers", repr(text)[:80])
     return numbers
 
 
@@ -180,6 +180,10 @@ def check_xml(path: Path, anywhere: bool, kinds: tuple[str, ...] = (), depth: in
     for node in file.root.iter():
         if node.tag in ("DataArray", "Array") and not file.compressor and (source := file.source(node)):
             source.block(file.header)
+        for attribute, most in _MOST.items():
+            (number,) = parse_numbers(node, attribute, "0", 1)
+            if not 0 <= number <= most:
+                raise expected(attribute, f"at most {most}", f"{number:g}", "the file is damaged")
         if name := node.get("Source") or node.get("file"):
             other = find_data_file(path, name, anywhere)
             size += (

@@ -49,3 +49,11 @@ def refused(path: Path, message: str) -> None:
     line = str(caught.value)
     assert line.startswith(f"{path}: ") or len(line) > 200
     assert line.isprintable() and message in line
+
+
+def spin(path: str) -> None:
+    """Notes a call in a file, and does not end."""
+    with Path(path).open("a") as file:
+        file.write("called\n")
+    while True:
+        pass

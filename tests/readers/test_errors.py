@@ -15,7 +15,7 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.errors import InputError
-from splatgl.readers import load
+from splatgl.readers import elsewhere, load
 from tests.helpers.phantom import F
 
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(64)
@@ -137,6 +137,17 @@ def test_bad_file(tmp_path: Path, name: str, data: bytes, message: str) -> None:
     line = str(caught.value)
     assert line.startswith(f"{path}: ") and message in line and line.isprintable()
     assert peak < 2**26
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits no processor time")
+def test_a_library_that_loops_is_ended_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By its processor time, so that it ends without its caller, too; a process that waited is not tried again."""
+    monkeypatch.setattr(elsewhere, "_open", {})
+    assert elsewhere.call("math:sqrt", 0, 4.0) == 2
+    monkeypatch.setattr(elsewhere, "BUSY", 0.0)
+    with pytest.raises(InputError, match="takes too long"):
+        elsewhere.call("tests.helpers.hostile:spin", 0, str(tmp_path / "calls"))
+    assert (tmp_path / "calls").read_text() == "called\n"
 
 
 def test_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:

@@ -136,6 +136,19 @@ def test_gaps_between_pieces_are_refused(tmp_path: Path) -> None:
         load(tmp_path / "a.vts")
 
 
+@pytest.mark.parametrize("number", ["9223372036854775807", "1e30", "9" * 400])
+def test_numbers_that_vtk_counts_up_to_are_limited(number: str, tmp_path: Path) -> None:
+    writer = vtk.vtkXMLPUnstructuredGridWriter()
+    writer.SetDataModeToAscii()
+    text = save(writer, tmp_path / "a.pvtu", mesh("hexahedra")).read_text()
+    changed = text.replace('NumberOfComponents="3"', f'NumberOfComponents="{number}"')
+    assert changed != text
+    (tmp_path / "a.pvtu").write_text(changed)
+    with pytest.raises(InputError, match="NumberOfComponents: expected") as caught:
+        load(tmp_path / "a.pvtu")
+    assert len(str(caught.value)) < 400
+
+
 def test_cells_in_a_time_series(tmp_path: Path) -> None:
     save(vtk.vtkXMLUnstructuredGridWriter(), tmp_path / "a.vtu", mesh("hexahedra"))
     steps = "".join(f'<DataSet timestep="{n}" file="a.vtu"/>' for n in range(2))
