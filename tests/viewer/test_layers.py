@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -194,13 +195,17 @@ def test_a_dropped_file_is_added(folder: Path) -> None:
     """The question waits for an answer, undo takes the layer away, and an error stays until it is closed."""
     pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
     window = Window(folder / "blob.npy", folder, size=(600, 450), panel=True)
-    assert window.drop(folder / "seg.nrrd", is_answered=False)["dialog"]
+    # a name says that it is a segmentation
+    assert window.drop(folder / "seg.nrrd", is_answered=False)["layers"] == ["blob", "seg"]
+    assert window.key("ctrl+z")["layers"] == ["blob"]
+    shutil.copy(folder / "blob.npy", folder / "more.npy")
+    assert window.drop(folder / "more.npy", is_answered=False)["dialog"]
     told = window.key("escape")
     assert not told["dialog"] and told["layers"] == ["blob"]
-    window.drop(folder / "seg.nrrd", is_answered=False)
+    window.drop(folder / "more.npy", is_answered=False)
     pointed(window, 176, 245)
     window.hands("click", 1)
-    assert window.ask("settle")["layers"] == ["blob", "seg"]
+    assert window.ask("settle")["layers"] == ["blob", "more"]
     assert window.key("ctrl+z")["layers"] == ["blob"]
     # an error stays until it is closed
     (folder / "bad.npy").write_bytes(b"\x93NUMPY not quite")

@@ -74,7 +74,7 @@ def test_both_pictures_turn_and_one_is_edited(file: Path) -> None:
     window = Window(file, file.parent, size=(480, 240))
     window.key("ctrl+d")
     # the next key hides the message; without texts and axes
-    window.key("h")
+    window.key("j")
     left, right = np.s_[80:160, 80:160], np.s_[80:160, 320:400]
     first = window.shot().astype(int)
     assert np.abs(first[left] - first[right]).max() <= 1 and first[left].max() > 100

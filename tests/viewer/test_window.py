@@ -176,6 +176,7 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
     "turntable": toggles("turntable"),
     "annotations": lambda before, after: before["annotate"] == ["scale", "axes"] and not after["annotate"],
     "colorbar": lambda before, after: "colorbar" in after["annotate"],
+    "legend": lambda before, after: "legend" in after["annotate"],
     "box": lambda before, after: "box" in after["annotate"],
     "probe": toggles("probe"),
     "measure": lambda before, after: after["ruler"]["active"] and "click" in after["message"],
