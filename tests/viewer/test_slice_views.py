@@ -390,7 +390,9 @@ def test_slices_are_shown_moved_and_hidden(window: Window) -> None:
     assert told["fullscreen"] and shape == (told["size"][1], window.shot().shape[1], 4)
     window.key("F11")
     window.ask("reset")
-    assert np.array_equal(window.shot(), plain) and window.ask("look")["size"] == before["size"]
+    # but for the readout, as the mouse is elsewhere
+    differs = (window.shot() != plain).any(axis=2)
+    assert not differs[110:].any() and not differs[:, 160:].any() and window.ask("look")["size"] == before["size"]
     name = window.key("s")["message"].split()[-1]
     assert sg.Image.load(window.folder / name).pixels.shape[1] == 400
 
