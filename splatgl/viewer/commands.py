@@ -76,7 +76,7 @@ class CopyText:
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """What a saved picture has instead of what is on the screen. size: pixels; width, dpi: on paper, as of a scene;
+    """The choices in which a saved picture differs from the screen. size: pixels; width, dpi: on paper, as of a scene;
     background: "": the screen's; is_plain: whether annotations are left out.
     """
 
@@ -91,7 +91,7 @@ AS_SHOWN = PictureOptions()
 
 
 class SaveAction(Enum):
-    """What is done with a file that the dialog names: it is written, a command that writes it is copied, or another
+    """The use of a file that the dialog names: it is written, a command that writes it is copied, or another
     place is asked for.
     """
 

@@ -1,4 +1,4 @@
-"""What an empty window offers, and the dialog that saves a picture or a scene. Extra `gui`."""
+"""Files that an empty window offers, and the dialog that saves a picture or a scene. Extra `gui`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from splatgl.scene.view import PRINT_DPI, ViewOptions
 from splatgl.viewer.commands import Open, PictureOptions, Save, SaveAction, WindowRequest
 from splatgl.viewer.document import Document
 from splatgl.viewer.files import Recent
-from splatgl.viewer.panel_sections import CommandWidgets, draw_menus, label_left, shorten
+from splatgl.viewer.panel_sections import AROUND, CommandWidgets, begin_dialog, draw_menus, label_left, shorten
 from splatgl.viewer.saving import check_target
 from splatgl.viewer.state import State
 
@@ -53,7 +53,7 @@ class SaveDialog:
 
     @property
     def options(self) -> PictureOptions:
-        """What the picture has instead of what is on the screen."""
+        """The choices in which the picture differs from the screen."""
         sized = (PictureOptions(), PictureOptions(self.pixels), PictureOptions(None, self.width, self.dpi))[self.by]
         background = BACKGROUNDS[self.background] if self.background else ""
         return PictureOptions(sized.size, sized.width, sized.dpi, background, not self.has_annotations)
@@ -63,11 +63,7 @@ class SaveDialog:
         if self.opening:
             imgui.open_popup(NAME)
             self.opening = False
-        wide = min(WIDTH * imgui.get_style().font_scale_main, room[0] - 16.0)
-        imgui.set_next_window_pos((room[0] / 2, room[1] / 2), imgui.Cond_.always, (0.5, 0.5))
-        imgui.set_next_window_size((wide, 0.0))
-        flags = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_move
-        if not imgui.begin_popup_modal(NAME, None, flags)[0]:
+        if not begin_dialog(NAME, room, WIDTH):
             return
         is_entered = self._draw_fields()
         if self.note:
@@ -137,8 +133,6 @@ class SaveDialog:
         imgui.close_current_popup()
 
 
-# margin around the list of an empty window, screen units
-AROUND = 8.0
 HINT = "Drop a volume, a scene or a mesh here, or"
 LAST = "the last scene, as it was left"
 

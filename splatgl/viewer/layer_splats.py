@@ -183,7 +183,7 @@ class LayerSplats:
 
     @property
     def _net_key(self) -> object:
-        """What the shape of surfaces depends on: voxels, strength, and the visible segments, the most opaque first."""
+        """The causes of the shape of surfaces: voxels, strength, and the visible segments, the most opaque first."""
         shown = sorted((label for label in self.look.labels if label[2] > 0), key=lambda label: -label[2])
         return self.volume, self.own.surfaces, tuple(number for number, *_ in shown)
 

@@ -43,7 +43,15 @@ from splatgl.viewer.files import OPEN, SAVE, Recent, suffixes
 from splatgl.viewer.hud import DisplayedFrame
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.layers_panel import SegmentList, draw_layers
-from splatgl.viewer.panel_sections import CommandWidgets, capitalized, draw_record, label_left, shorten, show_tip
+from splatgl.viewer.panel_sections import (
+    CommandWidgets,
+    begin_dialog,
+    capitalized,
+    draw_record,
+    label_left,
+    shorten,
+    show_tip,
+)
 from splatgl.viewer.preset_gallery import EDITED, PresetGallery, TransferShift, with_gradient
 from splatgl.viewer.saving import check_target
 from splatgl.viewer.state import BLURS, State
@@ -166,11 +174,7 @@ class Questions:
         if not self.is_open:
             imgui.open_popup(QUESTION)
             self.is_open = True
-        wide = min(WIDTH * imgui.get_style().font_scale_main, room[0] - 16.0)
-        imgui.set_next_window_pos((room[0] / 2, room[1] / 2), imgui.Cond_.always, (0.5, 0.5))
-        imgui.set_next_window_size((wide, 0.0))
-        flags = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_move
-        if not imgui.begin_popup_modal(f"{question.title}{QUESTION}", None, flags)[0]:
+        if not begin_dialog(f"{question.title}{QUESTION}", room, WIDTH):
             return
         imgui.text_wrapped(plain(question.text))
         is_entered = imgui.is_key_pressed(imgui.Key.enter, repeat=False) and not imgui.is_window_appearing()
@@ -188,8 +192,8 @@ class Questions:
         imgui.end_popup()
 
 
-# largest size in screen units at a content scale of 1, and the margin around it
-SIZE, AROUND = (520.0, 420.0), 8.0
+# largest size in screen units at a content scale of 1
+SIZE = (520.0, 420.0)
 NAME = "###browser"
 
 
@@ -221,13 +225,7 @@ class Browser:
         if self.opening:
             imgui.open_popup(NAME)
             self.opening = False
-        scale = imgui.get_style().font_scale_main
-        size = [min(each * scale, room - 2 * AROUND) for each, room in zip(SIZE, window, strict=True)]
-        imgui.set_next_window_pos((window[0] / 2, window[1] / 2), imgui.Cond_.always, (0.5, 0.5))
-        imgui.set_next_window_size((size[0], size[1]))
-        fixed = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_move
-        shown, _ = imgui.begin_popup_modal(f"{self.title}{NAME}", None, fixed)
-        if not shown:
+        if not begin_dialog(f"{self.title}{NAME}", window, *SIZE):
             return
         imgui.set_next_item_width(-1.0)
         entered, self.typed = imgui.input_text("##folder", self.typed, imgui.InputTextFlags_.enter_returns_true)

@@ -74,6 +74,22 @@ def label_left(text: str) -> str:
     return f"##{text}"
 
 
+# margin around dialogs, screen units
+AROUND = 8.0
+
+
+def begin_dialog(name: str, room: tuple[int, int], wide: float, high: float = 0.0) -> bool:
+    """Begins a dialog in the middle of the room; returns whether it is shown. wide, high: screen units at a content
+    scale of 1, limited by the room; 0: as high as its content.
+    """
+    scale = imgui.get_style().font_scale_main
+    size = [min(side * scale, most - 2 * AROUND) for side, most in zip((wide, high), room, strict=True)]
+    imgui.set_next_window_pos((room[0] / 2, room[1] / 2), imgui.Cond_.always, (0.5, 0.5))
+    imgui.set_next_window_size((size[0], size[1]))
+    flags = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_move
+    return imgui.begin_popup_modal(name, None, flags)[0]
+
+
 def show_tip(text: str, at_once: bool = False, around: tuple[float, float] | None = None) -> None:
     """The tooltip of the last widget, while the cursor rests on it: in lines of the panel's width, below or above the
     widget, so that it covers no picture. at_once: of a widget that is hovered. around: top and bottom of what the

@@ -113,7 +113,7 @@ def start_reading(scene: SceneFile, source: str = "", reopen: Reopen | None = No
 
 
 def start_empty() -> Files:
-    """What an empty window reads: nothing yet."""
+    """The files of an empty window, which reads none yet."""
     from splatgl.viewer.jobs import Jobs
     from splatgl.viewer.loading import Files
 
