@@ -21,6 +21,7 @@ from splatgl.readers.common import FIELD, is_field
 from splatgl.transfer.colormaps import base_name, labels_of, select_labels
 from splatgl.transfer.label_detection import LABELS, MASK, kind_of
 from splatgl.transfer.statistics import (
+    NOISY,
     ClassThreshold,
     NoiseBackground,
     Statistics,
@@ -170,6 +171,14 @@ def _percentiles(*nodes: tuple[float, float], window: tuple[float, float]) -> Bu
     return build
 
 
+def _maxima(stats: Statistics, rung: int | None) -> PresetCurve:
+    """A ramp from the dimmest values, or from above the noise of the background, to the brightest."""
+    low, high = stats.percentile(1.0), stats.percentile(99.95)
+    if stats.noise is not None and stats.noise.cut < high:
+        low = max(low, stats.noise.cut)
+    return PresetCurve(((low, 0.0), (high, SOLID)), (low, high) if low < high else None)
+
+
 def _mr(stats: Statistics, rung: int | None) -> PresetCurve:
     """Opacity grows with the value from faint outer layers, so that skin and skull do not hide the inside."""
     low, high = cut_of(stats, rung).ramp(RAMP)
@@ -249,7 +258,7 @@ MEDICAL = (
     Preset("dti-fa", "anisotropy of diffusion, from 0 to 1", "spectrum", _fraction, shading=False),
     Preset(
         *("mip", "the largest value along each ray"),
-        *("gray", _percentiles((1.0, 0.0), (99.95, SOLID), window=(1.0, 99.95))),
+        *("gray", _maxima),
         shading=False,
         blend="mip",
     ),
@@ -400,8 +409,8 @@ def is_ct(volume: Volume) -> bool:
     return volume.value_unit == "HU" or (not volume.value_unit and _is_hounsfield(statistics(volume)))
 
 
-# voxels from which noise that is drawn costs more than a moment, and least share of them that it is
-DENSE, NOISY = 1 << 20, 0.25
+# voxels from which noise that is drawn costs more than a moment
+DENSE = 1 << 20
 
 
 def noise_note(volume: Volume, window: Sequence[float]) -> str:
