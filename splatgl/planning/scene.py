@@ -42,7 +42,15 @@ from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
-from splatgl.transfer.presets import SOLID, SURFACE, default_transfer, is_preset, preset, slice_colors
+from splatgl.transfer.presets import (
+    SOLID,
+    SURFACE,
+    default_transfer,
+    is_preset,
+    preset,
+    projection_transfer,
+    slice_colors,
+)
 from splatgl.transfer.transfer import Transfer
 from splatgl.transfer.transfer_nodes import SUFFIXES, load_transfer
 
@@ -101,7 +109,9 @@ def channel_transfers(
         if window is None and own is None:
             window = channel.hints.window
         ramp = own or preset("microscopy", channel)
-        if own is None:
+        if own is None and window is None and settings is not None and settings.join == "max":
+            ramp = projection_transfer(ramp, channel)
+        elif own is None:
             ramp = replace(ramp, points=tuple((value, opacity * full / SURFACE) for value, opacity in ramp.points))
         if window is not None:
             ramp = Transfer(((window[0], 0.0), (window[1], full)), unit=ramp.unit)

@@ -91,12 +91,15 @@ def soft(stats: Statistics, rung: int | None) -> PresetCurve:
 
 def glow(stats: Statistics, rung: int | None) -> PresetCurve:
     """A ramp from half the dimmest value above the background, or above its noise, to the BRIGHT percentile."""
-    lowest = float(stats.values[0])
+    ground, lowest = stats.ground or stats.noise, float(stats.values[0])
     low = lowest if stats.sparse else cut_of(stats, rung).ramp(RAMP)[0]
+    if ground is not None:
+        low = ground.cut
     dim, high = np.percentile(stats.values[stats.values > low], [DIM, BRIGHT])
-    low = lowest + (float(dim) - lowest) / 2 if stats.sparse else low
-    low, high = low if stats.ground is None else max(low, stats.ground.cut), max(low, float(high))
-    return PresetCurve(((low, 0.0), *_above_noise(stats.ground, low, high), (high, SURFACE)))
+    if stats.sparse:
+        low = max(lowest + (float(dim) - lowest) / 2, low)
+    high = max(low, float(high))
+    return PresetCurve(((low, 0.0), *_above_noise(ground, low, high), (high, SURFACE)))
 
 
 def _above_noise(ground: NoiseBackground | None, low: float, high: float) -> Nodes:
@@ -173,10 +176,17 @@ def _percentiles(*nodes: tuple[float, float], window: tuple[float, float]) -> Bu
 
 def _maxima(stats: Statistics, rung: int | None) -> PresetCurve:
     """A ramp from the dimmest values, or from above the noise of the background, to the brightest."""
-    low, high = stats.percentile(1.0), stats.percentile(99.95)
-    if stats.noise is not None and stats.noise.cut < high:
-        low = max(low, stats.noise.cut)
+    high = stats.percentile(99.95)
+    low = _clear_of_noise(stats, stats.percentile(1.0), high)
     return PresetCurve(((low, 0.0), (high, SOLID)), (low, high) if low < high else None)
+
+
+def _clear_of_noise(stats: Statistics, low: float, high: float) -> float:
+    """The low end of a window of maxima to `high`: at least a standard deviation above the cut of the noise, of which
+    a ray has many samples.
+    """
+    least = low if stats.noise is None else stats.noise.cut + stats.noise.noise
+    return max(low, least) if least < high else low
 
 
 def _mr(stats: Statistics, rung: int | None) -> PresetCurve:
@@ -396,6 +406,7 @@ def projection_transfer(base: Transfer, volume: Volume) -> Transfer:
     if base.shading:
         return preset("mip", volume)
     low, high = base.window or (base.points[0][0], base.points[-1][0])
+    low = low if volume.hints.window else _clear_of_noise(statistics(volume), low, high)
     return over_window(base, low, high)
 
 

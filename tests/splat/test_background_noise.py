@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.volume import Volume
+from splatgl.planning.scene import channel_transfers
 from splatgl.transfer.presets import default_transfer, projection_transfer
 from splatgl.transfer.statistics import background_of, mean_deviation, sampled_steps, statistics
 
@@ -107,9 +109,13 @@ def test_maxima_begin_above_noise(smooth: bool, begins: float) -> None:
         noise = sum(np.roll(noise, shift, axis) for shift in range(4) for axis in (1, 2))
         noise = (noise - noise.mean()) / noise.std()
     ball = 600 * np.exp(-(((place - 20) / 8.0) ** 2).sum(axis=0))
-    volume = Volume((100 + 6 * noise + ball).astype(np.float32))
+    volume, mip = Volume((100 + 6 * noise + ball).astype(np.float32)), sg.Settings(blend="mip")
     (low, _), *_, (high, _) = projection_transfer(default_transfer(volume), volume).points
     assert high > 400 and (begins <= low < 135 if begins else low < 95)
+    if begins:
+        both = replace(volume, channels=(volume, replace(volume, hints=replace(volume.hints, window=(90, 500)))))
+        first, stated = channel_transfers(both, {}, {}, settings=mip)
+        assert first.points[0] == (low, 0.0) and stated.points[0] == (90, 0.0)
 
 
 NOTHING: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
