@@ -286,7 +286,8 @@ def _subject(scene: OpenScene, flow: float | None, is_step: bool) -> FrameSubjec
     if not scene.is_single:
         if flow is not None:
             raise expected("--flow", "a scene of one volume", "layers, channels or meshes")
-        scene.check()
+        scene = scene.within_limits()
+        print_lines(scene.limits, scene.is_quiet)
     if not (is_step or scene.has_matter):
         raise scene.nothing_visible()
     return FrameSubject(scene.subject, scene.settings.clip, scene.transfer)

@@ -295,7 +295,7 @@ class Renderer:
     def _of_bricks(
         self, bricks: Bricks, camera: Camera, chosen: Plan, pixels: np.ndarray, splats: int, started: float
     ) -> Image:
-        plan = ScenePlan((chosen,), ResolvedScene((), camera, chosen.settings, bricks=bricks))
+        plan = ScenePlan((chosen,), ResolvedScene((), camera, chosen.settings, bricks=((bricks, chosen.settings),)))
         info = self._scene_info(plan, started)
         info |= {"splats": splats, "bricks": len(bricks.low), "error_bound": None, "tolerance_met": None}
         info["unmasked"] = bricks.whole.missing_samples + sum(bricks.gaps.values())

@@ -406,15 +406,15 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class ResolvedScene:
-    """Layers and meshes of a picture, with resolved settings. layers: none of a volume in bricks. settings: as they
-    were given.
+    """Layers and meshes of a picture, with resolved settings. layers: none of volumes in bricks; bricks: these, with
+    their settings. settings: as they were given.
     """
 
     layers: tuple[ResolvedLayer, ...]
     camera: Camera
     settings: Settings
     meshes: tuple[Mesh, ...] = ()
-    bricks: Bricks | None = None
+    bricks: tuple[tuple[Bricks, Settings], ...] = ()
 
     @property
     def is_single(self) -> bool:

@@ -27,7 +27,7 @@ from splatgl.data.image import Accuracy, Image, aliasing_note
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.planning.bricks import Bricks
-from splatgl.planning.scene import ResolvedScene, Scene, resolve_scene
+from splatgl.planning.scene import ResolvedScene, Scene, join_pictures, resolve_scene
 from splatgl.reference.field import kept_field_integral
 from splatgl.reference.renderer import reachable, reachable_of, render_pixels, render_pixels_of
 from splatgl.splat.settings import Settings
@@ -113,8 +113,8 @@ def compare(image: Image, amount: int | float | None = None, field: bool = False
     if image.drawn is None:
         return image
     plain, scene = replace(image, pixels=image.drawn), image.plan.resolved
-    if scene.bricks is not None:
-        return replace(image, info=check_bricks(plain, scene.bricks, scene.camera, scene.settings, amount).info)
+    if scene.bricks:
+        return replace(image, info=_check_bricks(plain, scene, amount).info)
     return replace(image, info=_check(plain, scene, amount, field).info)
 
 
@@ -144,12 +144,22 @@ def check_bricks(
 ) -> Image:
     """Like `check`, for an image of `Renderer.render_bricks`; by default of BRICK_PIXELS pixels."""
     settings = settings or Settings()
+    return _check_bricks(image, ResolvedScene((), camera, settings, bricks=((bricks, settings),)), amount)
+
+
+def _check_bricks(image: Image, scene: ResolvedScene, amount: int | float | None) -> Image:
+    """`check_bricks` of a volume, or of layers whose pictures are joined."""
+    (_, settings), *others = scene.bricks
 
     def draw(wanted: np.ndarray) -> np.ndarray:
-        return render_pixels_of(bricks, camera, settings, wanted)
+        pixels = [render_pixels_of(bricks, scene.camera, look, wanted) for bricks, look in scene.bricks]
+        return join_pictures(pixels, scene.settings) if others else pixels[0]
 
-    reached = reachable_of(bricks, camera, settings) if amount != 0 else None
-    return compare_sample(image, settings, BRICK_PIXELS if amount is None else amount, draw, reached)[0]
+    reached = None
+    if amount != 0:
+        reached = np.any([reachable_of(bricks, scene.camera, look) for bricks, look in scene.bricks], axis=0)
+    amount = BRICK_PIXELS if amount is None else amount
+    return compare_sample(image, scene.settings if others else settings, amount, draw, reached)[0]
 
 
 def compare_sample(

@@ -9,6 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -317,26 +318,49 @@ def _choose_level(scene: OpenScene, how: DrawOptions) -> tuple[OpenScene, dict[s
 
 
 def _drawn_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
-    """Draws brick by brick a picture that needs more than --memory; None for others."""
-    from splatgl.planning.bricks import excess_bricks
+    """Draws brick by brick a picture that needs more than --memory, or more splats than one pass holds; None for
+    others. Layers of a blend without an order are drawn apart, and their pictures joined.
+    """
+    from splatgl.planning.bricks import bricks_of, excess_bricks
 
-    file, camera, settings = scene.file, scene.camera, scene.settings
-    excess = excess_bricks(scene.volume, scene.transfer, settings, camera, file.threshold)
-    if excess is None:
+    camera, most, parts = scene.camera, budget(), scene.parts
+    excesses = [excess_bricks(volume, look, own, camera, least) for volume, look, own, least in parts]
+    need = next((excess[1] for excess in excesses if excess is not None), None)
+    bricks = [bricks_of(volume, look, own) for volume, look, own, least in parts if not least]
+    if need is None or len(bricks) < len(parts) or None in bricks:
         return None
-    (bricks, need), most = excess, budget()
     fix = "give more --memory, or a part of the volume"
     how.check_supported("bricks", f"a picture that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
+    images = []
     with how.renderer() as renderer, progress_bar("brick", scene.is_quiet) as progress:
-        # refuses what bricks cannot draw, before memory that is too little for it
-        plan = renderer.plan_bricks(bricks, camera, settings)
-        bricks, bands = bricks.fitted(camera, settings, most)
-        if not scene.is_quiet:
-            reason = f"{need}, together more than {format_bytes(most)}"
-            if need.bytes <= most:
-                reason = f"up to about {need.most:,} splats exceed the limit of one pass"
-            print(f"{reason}: drawn in {len(bricks.low):,} bricks, nearest first")
-        return renderer.draw_bricks(bricks, camera, plan, progress, bands=bands)
+        for whole, (volume, _, settings, _) in zip(filter(None, bricks), parts, strict=True):
+            # refuses what bricks cannot draw, before memory that is too little for it
+            plan = renderer.plan_bricks(whole, camera, settings)
+            fitted, bands = whole.fitted(camera, settings, most)
+            if not scene.is_quiet:
+                reason = f"{need}, together more than {format_bytes(most)}"
+                if need.bytes <= most:
+                    reason = f"up to about {need.most:,} splats exceed the limit of one pass"
+                name = f"{volume.name}: " * (len(parts) > 1)
+                print(f"{name}{reason}: drawn in {len(fitted.low):,} bricks, nearest first")
+            images.append(renderer.draw_bricks(fitted, camera, plan, progress, bands=bands))
+    return images[0] if len(images) < 2 else _join(images, [volume.name for volume, *_ in parts], scene.settings)
+
+
+def _join(images: Sequence[Image], names: Sequence[str], settings: Settings) -> Image:
+    """The picture of layers that are drawn in bricks, each apart. settings: of all."""
+    from splatgl.planning.scene import join_pictures
+
+    pixels, plans = join_pictures([image.pixels for image in images], settings), [image.plan for image in images]
+    infos: list[Mapping[str, Any]] = [image.info for image in images]
+    info = {**infos[0], "scene": " + ".join(names), "layers": list(names)}
+    info["background"] = None if settings.ground is None else list(settings.ground)
+    for name in ("splats", "bricks", "seconds", "unmasked"):
+        info[name] = sum(each[name] for each in infos)
+    drawn = tuple(chain.from_iterable(plan.resolved.bricks for plan in plans))
+    resolved = replace(plans[0].resolved, settings=settings, bricks=drawn)
+    plan = replace(plans[0], layers=tuple(plan.first for plan in plans), resolved=resolved)
+    return Image(pixels, info, drawn=pixels, plan=plan)
 
 
 def _picture(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
@@ -347,7 +371,11 @@ def _picture(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
     from splatgl.planning.scene import plan_scene
     from splatgl.reference.check import check_input, compare
 
-    image = _drawn_in_bricks(scene, how) if isinstance(scene, OpenScene) and scene.is_single else None
+    image, limits = None, tuple[str, ...]()
+    if isinstance(scene, OpenScene):
+        image = _drawn_in_bricks(scene, how)
+        scene = scene if image else scene.within_limits()
+        limits = scene.limits
     if image is None:
         with how.open_early() as opening:
             # while OpenGL opens
@@ -359,7 +387,7 @@ def _picture(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
                     check_input(plan.resolved, how.check, how.check_field)
                 if how.savings and not plan.resolved.is_single:
                     raise expected("--savings", "a picture of one volume", "layers or meshes")
-                image = renderer.draw(plan)
+                image = renderer.draw(plan).with_notes(limits)
                 if how.savings:
                     print("\n".join(measure_savings(renderer, plan.first)))
     if how.explain:

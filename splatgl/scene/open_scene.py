@@ -19,6 +19,7 @@ from splatgl.data.volume import Label, Volume, halve_volume
 from splatgl.errors import USER_ERRORS, InputError, expected, list_names
 from splatgl.fileio import budget, format_bytes
 from splatgl.geometry.scissors import cut_volume
+from splatgl.options import LIMITED
 from splatgl.readers import require_source
 from splatgl.readers.channels import TIME_HINT
 from splatgl.scene.meshes import Vectors, is_mesh, surfaces_of
@@ -35,6 +36,7 @@ from splatgl.transfer.transfer import Transfer
 if TYPE_CHECKING:
     from splatgl.geometry.camera import Bounded, Camera
     from splatgl.geometry.clipping import Plane
+    from splatgl.planning.bricks import MemoryEstimate
     from splatgl.planning.scene import Layer, Scene
     from splatgl.splat.splats import Splats
 
@@ -44,6 +46,8 @@ if TYPE_CHECKING:
 LABELS = 512
 # volumes with fewer voxels are not halved
 SMALL = 1 << 15
+# most times that the voxels of layers that exceed limits are averaged
+MOST_HALVINGS = 4
 
 
 class LayerSource(NamedTuple):
@@ -61,7 +65,8 @@ class OpenScene:
     file: the names and options; the planes of its clip and crop are in its settings, and its view shows a box with its
     numbers. volume, transfer: of the first layer. is_quiet: whether notes on files are not printed. is_live: whether a
     window shows it, in which hidden layers can be shown. is_moving: whether pictures are motion-blurred. fixed_camera:
-    the camera that a level of detail was chosen for. halvings: how often voxels are averaged over 2×2×2 for a draft.
+    the camera that a level of detail was chosen for. halvings: how often voxels are averaged over 2×2×2, for a draft or
+    because of limits, of which `limits` are the notes.
     """
 
     file: SceneFile
@@ -72,6 +77,7 @@ class OpenScene:
     is_moving: bool = False
     fixed_camera: Camera | None = None
     halvings: int = 0
+    limits: tuple[str, ...] = ()
 
     @classmethod
     def read(cls, file: SceneFile, is_quiet: bool = True, is_live: bool = False) -> OpenScene:
@@ -151,7 +157,10 @@ class OpenScene:
     def _halved(self, volume: Volume, transfer: Transfer) -> Volume:
         """The volume of a layer in fewer voxels; clouds of points stay."""
         for _ in range(self.halvings if volume.points is None else 0):
-            if volume.count > SMALL:
+            if volume.coarser:
+                level, rest = volume.coarser[0], volume.coarser[1:]
+                volume = replace(level, name=volume.name, hints=volume.hints, frame=volume.frame, coarser=rest)
+            elif volume.count > SMALL:
                 volume = halve_volume(replace(volume, coarser=()), bool(transfer.labels))
         return volume
 
@@ -204,6 +213,20 @@ class OpenScene:
         return replace(subject, scales=scales, empty=is_empty, measures=self.file.measures)
 
     @property
+    def parts(self) -> list[tuple[Volume, Transfer, Settings, float]]:
+        """Volume, transfer function, settings and threshold of what is drawn apart: of a single volume, or of each
+        layer of a blend without an order; none of others.
+        """
+        settings, scene = self.settings, None if self.is_single else self.scene
+        if scene is None:
+            return [(self.volume, self.transfer, settings, self.file.threshold)]
+        if settings.hides or scene.surfaces(settings):
+            return []
+        looks = [replace(settings, clip=(*settings.clip, *planes), background=None) for planes in scene.planes]
+        shown = zip(scene.shown, looks, strict=True)
+        return [(layer.volume, layer.seen, look, layer.threshold) for layer, look in shown]
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The annotations; the time of a file of several time points has its text."""
         return with_time(self.file.annotate, self.volume, self.volume.time)
@@ -223,24 +246,46 @@ class OpenScene:
         kept = (select_splats(splats, look, self.is_moving) for splats, look in subject.drawn(settings))
         return bool(subject.surfaces(settings)) or any(map(len, kept))
 
-    def check(self) -> None:
-        """Raises InputError for a layer that only bricks could draw within the memory budget, and if the masks of a
-        single volume, which is no step of a series, keep only transparent voxels.
+    def within_limits(self) -> OpenScene:
+        """The scene, with the voxels of its layers averaged as often as one pass and the memory budget need; its
+        `limits` say so. Raises InputError for layers that do not fit then.
         """
-        from splatgl.planning.bricks import excess_bricks
-        from splatgl.planning.culling import OpaqueBounds
         from splatgl.splat.splats import MOST_KEPT
 
+        excess, less = self._excess(), self
+        if excess is None:
+            return self
+        name, need = excess
+        while less.halvings < MOST_HALVINGS and less._excess() is not None:
+            less = replace(less, halvings=less.halvings + 1)
+        # the budget varies, which files must not
+        fits = need.bytes <= budget()
+        if less._excess() is None:
+            side, most = 2**less.halvings, f"takes at most {MOST_KEPT:,} splats" if fits else "fits into --memory"
+            note = f"voxels of layers averaged over {side}×{side}×{side}, so that each {most} {LIMITED}"
+            return replace(less, limits=(note,))
+        if fits:
+            most, fix = f"a layer of at most {MOST_KEPT:,} splats", "begin the window higher, or take a part"
+            raise expected(name, most, f"about {need.most:,}", fix)
+        this, got = f"a layer that fits into {format_bytes(budget())}", format_bytes(need.bytes)
+        raise expected(name, this, got, "give more --memory, or use a smaller volume")
+
+    def _excess(self) -> tuple[str, MemoryEstimate] | None:
+        """Name and memory of the first layer that only bricks could draw; None if there is none."""
+        from splatgl.planning.bricks import excess_bricks
+
         for layer in () if self.is_single else self.scene.shown:
-            look = layer.volume, layer.seen, self.file.settings
-            excess = excess_bricks(*look, self.file.view.size, layer.threshold)
+            excess = excess_bricks(layer.volume, layer.seen, self.file.settings, self.file.view.size, layer.threshold)
             if excess is not None:
-                name, need = layer.volume.name or "layer", excess[1]
-                if need.bytes <= budget():
-                    most, fix = f"a layer of at most {MOST_KEPT:,} splats", "begin the window higher, or take a part"
-                    raise expected(name, most, f"about {need.most:,}", fix)
-                this, got = f"a layer that fits into {format_bytes(budget())}", format_bytes(need.bytes)
-                raise expected(name, this, got, "give more --memory, or use a smaller volume")
+                return layer.volume.name or "layer", excess[1]
+        return None
+
+    def check(self) -> None:
+        """Raises InputError if the masks of a single volume, which is no step of a series, keep only transparent
+        voxels.
+        """
+        from splatgl.planning.culling import OpaqueBounds
+
         is_masked = self.is_single and self.file.look is None and self.volume.masks
         if is_masked and OpaqueBounds(self.volume, self.transfer).nothing:
             fix = "change --points or --mask"

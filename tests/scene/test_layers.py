@@ -13,9 +13,12 @@ import splatgl as sg
 from splatgl import reference
 from splatgl.cli.main import main
 from splatgl.gl import layers as layer_tiles
+from splatgl.planning import bricks
 from splatgl.planning.scene import join_pictures, moments_per_frame
+from splatgl.scene import open_scene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
+from splatgl.splat import splats
 from splatgl.splat.settings import Technique
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
@@ -354,6 +357,29 @@ def test_a_layer_reads_its_channel(tmp_path: Path) -> None:
     assert np.array_equal(by_text.pixels, sg.render(base, layers=[layer], size=32).pixels)
     with pytest.raises(sg.InputError, match=r"array: expected .*first"):
         sg.render(base, layers=[f"{tmp_path / 'two.npz'}:array=third"], size=32)
+
+
+@pytest.mark.parametrize("blend", ["mip", pytest.param("xray", marks=pytest.mark.long), "composite"])
+def test_layers_of_more_splats_than_a_pass_holds(
+    files: tuple[str, str], blend: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Blends without an order draw each layer in bricks; others draw averaged voxels, and a note says so."""
+    first, second = files
+    options = {"layers": [second], "size": 40, "blend": blend, "clip": "x<0.7"}
+    whole = sg.render(first, **options)
+    monkeypatch.setattr(open_scene, "SMALL", 100)
+    for module in (bricks, splats):
+        monkeypatch.setattr(module, "MOST_KEPT", 4000)
+    parts = sg.render(first, **options)
+    if blend == "composite":
+        assert any("averaged over 2×2×2, so that each takes at most 4,000 splats" in note for note in parts.notes)
+        assert 0 < int(str(parts.info["splats"])) < int(str(whole.info["splats"])) / 4
+        return
+    assert parts.info["layers"] == whole.info["layers"] and int(str(parts.info["bricks"])) > 1
+    assert not any("limit" in note for note in parts.notes)
+    np.testing.assert_allclose(parts.pixels, whole.pixels, atol=2e-6 * whole.pixels.max())
+    checked = parts.accuracy.checked
+    assert checked is not None and float(str(checked["largest"])) < 1e-4 * parts.pixels.max()
 
 
 @pytest.mark.parametrize(
