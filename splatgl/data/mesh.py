@@ -470,8 +470,8 @@ def fill_outline(lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     )
     (low_left, high_left), (low_right, high_right) = number.reshape(2, 2, -1)
     # sides between neighbouring points of a row: what they belong to, and their first points
-    below, start = _ranges(low_left, np.maximum(low_left, low_right))
-    above, end = _ranges(high_left, np.maximum(high_left, high_right))
+    below, start = unroll_ranges(low_left, np.maximum(low_left, low_right))
+    above, end = unroll_ranges(high_left, np.maximum(high_left, high_right))
     faces = [np.stack([start, start + 1, high_left[below]], axis=1), np.stack([end + 1, end, low_right[above]], axis=1)]
     return np.stack([points[:, 1], rows[points[:, 0].astype(int)]], axis=1), np.concatenate(faces)
 
@@ -479,7 +479,7 @@ def fill_outline(lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _strips(lines: np.ndarray, rows: np.ndarray) -> FillStrips:
     """The parts of upward lines [S, 2, 2] between rows [R], among which are those of all ends."""
     first, last = (np.searchsorted(rows, lines[:, end, 1]) for end in (0, 1))
-    line, strip = _ranges(first, last)
+    line, strip = unroll_ranges(first, last)
     (x, y), (end_x, end_y) = (lines[line, end].T for end in (0, 1))
     low, high = (
         np.where(at == y, x, np.where(at == end_y, end_x, x + (end_x - x) * ((at - y) / (end_y - y))))
@@ -498,8 +498,8 @@ def _crossings(strips: FillStrips, rows: np.ndarray, slack: float) -> np.ndarray
     return np.asarray(at[(at > rows[strip]) & (at < rows[strip + 1])])
 
 
-def _ranges(first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The whole numbers from `first` to below `last` [N], and of each the index of its range."""
+def unroll_ranges(first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The whole numbers from `first` to below `last` [N], after the index of the range of each."""
     count = last - first
     owner = np.repeat(np.arange(len(count)), count)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(count) - count - first, count)

@@ -20,6 +20,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from splatgl.data.mesh import unroll_ranges
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.clipping import FLUSH, GRAZING, Clip
@@ -169,8 +170,8 @@ class Pixels:
     def within(self, boxes: PixelBoxes) -> tuple[np.ndarray, np.ndarray]:
         """Pairs of boxes and their pixels, box by box and row by row: indices of boxes [M] and of pixels [M]."""
         rank, before = self._lines
-        owner, line = _unroll(rank[boxes.top], np.maximum(rank[boxes.bottom], rank[boxes.top]))
-        line_part, pixel = _unroll(before[line, boxes.left[owner]], before[line, boxes.right[owner]])
+        owner, line = unroll_ranges(rank[boxes.top], np.maximum(rank[boxes.bottom], rank[boxes.top]))
+        line_part, pixel = unroll_ranges(before[line, boxes.left[owner]], before[line, boxes.right[owner]])
         return owner[line_part], pixel
 
     def are_near(self, place: np.ndarray, half: np.ndarray) -> np.ndarray:
@@ -467,14 +468,6 @@ def pair_values(
         integral = row.on(splat, slopes[:, pixel])
         hit = np.flatnonzero(integral.value != 0)
         yield PairValues(splat[hit], pixel[hit], Integral(integral.value[hit], integral.peak[hit]))
-
-
-def _unroll(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All members of the ranges start ≤ n < stop in order: the index of the range, and n."""
-    length = stop - start
-    owner = np.repeat(np.arange(len(length)), length)
-    before = np.cumsum(length) - length
-    return owner, np.arange(len(owner)) + np.repeat(start - before, length)
 
 
 def pixel_slopes(pixel: np.ndarray, camera: Camera, pitch: float) -> np.ndarray:
