@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -244,7 +244,8 @@ def densest_share(over: np.ndarray) -> float:
     if count == WINDOW or rows.size > MOST_POINTS:
         return count / WINDOW
     on_lines = max(_densest_line(columns, rows), _densest_line(rows, columns)) / LINE
-    return max(min(max(count, _largest_group(rows, columns)), WINDOW) / WINDOW, on_lines)
+    places = zip(rows.tolist(), columns.tolist(), strict=True)
+    return max(min(max(count, *map(len, connected_groups(places))), WINDOW) / WINDOW, on_lines)
 
 
 def _densest_line(along: np.ndarray, across: np.ndarray) -> int:
@@ -259,18 +260,18 @@ def _densest_line(along: np.ndarray, across: np.ndarray) -> int:
     return most
 
 
-def _largest_group(rows: np.ndarray, columns: np.ndarray) -> int:
-    """The largest number of pixels, whole coordinates [N], that touch each other by edges or corners."""
-    rest, most = set(zip(rows.tolist(), columns.tolist(), strict=True)), 0
+def connected_groups(places: Iterable[tuple[int, int]]) -> Iterator[list[tuple[int, int]]]:
+    """Yields the groups of places (row, column) that touch each other by edges or corners."""
+    rest = dict.fromkeys(places)
     while rest:
-        group = [rest.pop()]
+        group = [rest.popitem()[0]]
         # grows while it is read
         for row, column in group:
-            near = rest & {(row + down, column + across) for down, across in AROUND}
-            rest -= near
+            near = [place for down, across in AROUND if (place := (row + down, column + across)) in rest]
+            for place in near:
+                del rest[place]
             group += near
-        most = max(most, len(group))
-    return most
+        yield group
 
 
 # equal neighbours of a pixel in an even area, at least
@@ -424,7 +425,7 @@ def compare(
         share_over=int(np.count_nonzero(over)) / count,
         sum_error=off / weight if weight > 0 else math.copysign(math.inf, off) if off else 0.0,
         where=(int(column), int(row)),
-        box=_box(over),
+        box=bounding_box(over) if over.any() else None,
         peak=peak,
         threshold=threshold,
         bias=float(bias[np.abs(bias).argmax()]),
@@ -517,8 +518,7 @@ def _differences(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     return worst, columns.reshape(-1, 4).sum(axis=0), squares, weight
 
 
-def _box(over: np.ndarray) -> tuple[int, int, int, int] | None:
-    if not over.any():
-        return None
+def bounding_box(over: np.ndarray) -> tuple[int, int, int, int]:
+    """left, top, right and bottom of the pixels, bool [H, W], of which there is one; the last two exclusive."""
     rows, columns = np.flatnonzero(over.any(axis=1)), np.flatnonzero(over.any(axis=0))
     return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.coercion import public
+from splatgl.comparison.metrics import bounding_box
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.distributed.workers import Drawing, addresses, call, keep_latest, outcome, renderer, spread
@@ -105,12 +106,10 @@ class PicturePart:
         """The window around samples that are not empty."""
         height, width, _ = pixels.shape
         some = (pixels != 0).any(axis=-1)
-        rows, columns = np.flatnonzero(some.any(axis=1)), np.flatnonzero(some.any(axis=0))
-        if not len(rows):
+        if not some.any():
             return cls(pixels[:0, :0], 0, 0, (width, height), splats)
-        y, x = int(rows[0]), int(columns[0])
-        window = np.ascontiguousarray(pixels[y : rows[-1] + 1, x : columns[-1] + 1])
-        return cls(window, x, y, (width, height), splats)
+        left, top, right, bottom = bounding_box(some)
+        return cls(np.ascontiguousarray(pixels[top:bottom, left:right]), left, top, (width, height), splats)
 
     def within(self, x: int, y: int, width: int, height: int) -> np.ndarray:
         """The samples of a larger window."""
