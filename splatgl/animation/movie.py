@@ -18,7 +18,7 @@ import numpy as np
 from splatgl.data.color import Color
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
-from splatgl.errors import USER_ERRORS, expected, missing_extra
+from splatgl.errors import USER_ERRORS, expected, import_extra
 from splatgl.fileio import atomic_write
 from splatgl.readers.remote import is_address
 from splatgl.scene.open_scene import OpenScene, look_notes, print_lines, print_notes, series_look
@@ -139,11 +139,7 @@ def gif_times(count: int, fps: float) -> tuple[list[int], list[int]]:
 
 
 def _library() -> Any:
-    try:
-        import av
-    except ImportError as error:
-        raise missing_extra("movies", "av", "video") from error
-    return av
+    return import_extra("av", "movies", "av", "video")
 
 
 T = TypeVar("T")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.errors import missing_extra
+from splatgl.errors import import_extra
 from splatgl.report.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, PAPER_TABLE, MethodAxis, axis_of, methods
 from splatgl.report.sweep import Point, SceneResults, front
 
@@ -54,10 +54,7 @@ SETTINGS: Any = {
 @contextmanager
 def style() -> Iterator[None]:
     """Matplotlib settings for creating and writing a figure. Raises InputError without matplotlib."""
-    try:
-        import matplotlib
-    except ImportError as error:
-        raise missing_extra("figures", "matplotlib", "plots") from error
+    matplotlib = import_extra("matplotlib", "figures", "matplotlib", "plots")
     with matplotlib.rc_context():
         # ignore the user's settings, for reproducible figures
         matplotlib.rcdefaults()
