@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any
 from weakref import WeakKeyDictionary
 from zlib import crc32
 
@@ -37,28 +37,21 @@ from splatgl.transfer.transfer import Transfer
 Found = tuple[np.ndarray, np.ndarray]
 
 
-@dataclass(frozen=True, eq=False)
-class ShownValues:
-    """Values that blends of one value show along rays: of the layer whose value is the most opaque. layer [P]: its
-    position in the list of layers; value, depth [P]: NaN where all is transparent.
+def shown_values(
+    layers: Sequence[LayerRays], settings: Settings, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values that blends of one value show along `count` rays, of the layer whose value is the most opaque: its
+    position in the list of layers, the value and its depth, [P] each; NaN where all is transparent.
     """
-
-    layer: np.ndarray
-    value: np.ndarray
-    depth: np.ndarray
-
-    @classmethod
-    def of(cls, layers: Sequence[LayerRays], settings: Settings, count: int) -> Self:
-        """Of layers along `count` rays, in the blend of the settings."""
-        most, layer = np.zeros(count), np.zeros(count, np.int64)
-        value, depth = np.full((2, count), np.nan)
-        for number, rays in enumerate(layers):
-            values, depths = shown_value(rays, settings.join, settings.mip_attenuation)
-            opacity = np.nan_to_num(rays.layer.matter.opacity(values))
-            better = np.flatnonzero(opacity > most)
-            most[better], layer[better] = opacity[better], number
-            value[better], depth[better] = values[better], depths[better]
-        return cls(layer, value, depth)
+    most, layer = np.zeros(count), np.zeros(count, np.int64)
+    value, depth = np.full((2, count), np.nan)
+    for number, rays in enumerate(layers):
+        values, depths = shown_value(rays, settings.join, settings.mip_attenuation)
+        opacity = np.nan_to_num(rays.layer.matter.opacity(values))
+        better = np.flatnonzero(opacity > most)
+        most[better], layer[better] = opacity[better], number
+        value[better], depth[better] = values[better], depths[better]
+    return layer, value, depth
 
 
 def shown_value(layer: LayerRays, join: str, attenuation: float) -> Found:
@@ -200,7 +193,7 @@ def depths(
         some = pixels[first : first + RAYS]
         layers = [field.along(camera, some) for field in fields]
         if share is None:
-            return ShownValues.of(layers, settings, len(some)).depth
+            return shown_values(layers, settings, len(some))[2]
         surfaces = SurfaceRays.of(meshes, camera, some)
         parts: list[LayerRays | SurfaceRays] = [*layers, *([surfaces] if surfaces else [])]
         enough = LEAST - float(np.log1p(-share))
@@ -276,10 +269,9 @@ def pick(
     surfaces = SurfaceRays.of(scene.surfaces(settings), camera, pixels)
     if settings.shows_value:
         layers = [rays.until(surfaces.opaque) for rays in layers] if surfaces else layers
-        shown = ShownValues.of(layers, settings, 1)
-        number, depth = int(shown.layer[0]), float(shown.depth[0])
+        number, value, depth = (of_ray[0].item() for of_ray in shown_values(layers, settings, 1))
         if np.isfinite(depth):
-            return _point(scene, fields[number][0], layers[number], depth, float(shown.value[0]))
+            return _point(scene, fields[number][0], layers[number], depth, value)
         layers = []
     parts: list[LayerRays | SurfaceRays] = [*layers, *([surfaces] if surfaces else [])]
     total = absorb(parts, np.full(1, np.inf)).total

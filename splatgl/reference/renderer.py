@@ -104,7 +104,7 @@ def _prepare(
     layers = [(layer.front, layer.resolved) for layer in scene.layers]
     first, resolved = layers[0]
     row = row if scene.is_single else "row1"
-    info = _provenance(first, scene.camera, resolved, row)
+    info: dict[str, object] = {**resolved.info(first, scene.camera), "row": row, "renderer": "float64 reference"}
     if not scene.is_single:
         names, count = [splats.name for splats, _ in layers], sum(len(splats) for splats, _ in layers)
         ground = scene.settings.ground
@@ -275,7 +275,3 @@ class SplatScene:
 
 
 Drawing = SplatScene | SheetScene | BoxScene | LayerScene | SurfaceScene
-
-
-def _provenance(splats: Splats, camera: Camera, resolved: Resolved, row: str) -> dict[str, object]:
-    return {**resolved.info(splats, camera), "row": row, "renderer": "float64 reference"}
