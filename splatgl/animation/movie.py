@@ -15,7 +15,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from splatgl.data.color import Color
+from splatgl.data.color import Color, srgb_from_linear
+from splatgl.data.image import Image, load_png
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import USER_ERRORS, expected, import_extra
@@ -87,9 +88,6 @@ def write_behind(
 
 def _frames(pictures: Iterable[Path], over: Color) -> Iterator[np.ndarray]:
     """Yields frames, uint8 [H, W, 3], sRGB."""
-    from splatgl.data.color import srgb_from_linear
-    from splatgl.data.image import Image, load_png
-
     for picture in pictures:
         samples, _ = load_png(picture)
         if samples.dtype == np.uint8 and samples[..., 3].min() == 255:

@@ -185,14 +185,10 @@ ROWS = (
 )
 
 
-def _discover() -> dict[str, Annotation]:
-    """The ROWS of all modules of this package by name, by rank."""
-    modules = [import_module(f"{package.__name__}.{info.name}") for info in iter_modules(package.__path__)]
-    rows: list[Annotation] = [row for module in modules for row in getattr(module, "ROWS", ())]
-    return {row.name: row for row in sorted(rows, key=lambda row: row.rank)}
-
-
-ANNOTATIONS = _discover()
+_MODULES = [import_module(f"{package.__name__}.{info.name}") for info in iter_modules(package.__path__)]
+_ALL: list[Annotation] = [row for module in _MODULES for row in getattr(module, "ROWS", ())]
+# the ROWS of all modules of this package by name, by rank
+ANNOTATIONS = {row.name: row for row in sorted(_ALL, key=lambda row: row.rank)}
 # sizes of the volume's box that a view with a box is fitted to: its numbers lie around it
 ROOM = ANNOTATIONS["box"].room
 

@@ -92,7 +92,10 @@ def run_batch(
     """
     jobs = [BatchJob(each, _scene(scene_of, each.source)) for each in outputs_of(sources, output)]
     if output.same:
-        jobs = _with_shared_look(jobs, output.is_quiet)
+        files = [job.file for job in jobs if not isinstance(job.file, str)]
+        look = series_look(files)
+        print_lines(look_notes(look, files), output.is_quiet)
+        jobs = [job if isinstance(job.file, str) else replace(job, file=replace(job.file, look=look)) for job in jobs]
     failed, written = 0, list[Path]()
     for job, drawn in _on_workers(jobs, how, by) if by.are_used else _here(jobs, how):
         if isinstance(drawn, BatchPicture):
@@ -170,14 +173,6 @@ def _scene(scene_of: Callable[[str], SceneFile], source: str) -> SceneFile | str
         return scene_of(source)
     except USER_ERRORS as error:
         return error_text(error)
-
-
-def _with_shared_look(jobs: Sequence[BatchJob], is_quiet: bool) -> list[BatchJob]:
-    """The jobs in the look that they share; prints a note on it."""
-    files = [job.file for job in jobs if not isinstance(job.file, str)]
-    look = series_look(files)
-    print_lines(look_notes(look, files), is_quiet)
-    return [job if isinstance(job.file, str) else replace(job, file=replace(job.file, look=look)) for job in jobs]
 
 
 def _output(template: str, source: str, number: int) -> str:

@@ -20,7 +20,7 @@ from splatgl.distributed.workers import Drawing, addresses, call, keep_latest, o
 from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, call_within, parse_bytes
 from splatgl.geometry.camera import Camera
-from splatgl.planning.bricks import Bricks, Shell, required_bricks
+from splatgl.planning.bricks import Bricks, Shell, estimate_need, required_bricks
 from splatgl.planning.resolve import extract_for_settings
 from splatgl.readers import load
 from splatgl.splat.motion import Motion
@@ -261,8 +261,6 @@ def _shells(job: WorkerJob, sent: Volume | None, count: int) -> tuple[str, list[
 
 def _part(job: WorkerJob, sent: Volume | None, shell: Shell) -> PicturePart:
     """Draws a part of the picture, on a worker."""
-    from splatgl.planning.bricks import estimate_need
-
     bricks, chosen = _planned(job, sent)
     assert chosen.resolved.sheets is not None
     most = budget()

@@ -21,7 +21,7 @@ from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.mesh import Mesh, Texture
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.geometry.clipping import Plane, box_planes
+from splatgl.geometry.clipping import Plane, box_planes, clip_corners, world_units
 from splatgl.geometry.grid import Grid
 from splatgl.geometry.resample import BEYOND, Raster, level_for, sample_places, sample_raster
 from splatgl.options import HelpGroup, Option, ValueKind
@@ -218,8 +218,6 @@ def _places(where: SlicePosition, volume: Volume) -> list[float]:
 
 def _length(where: SlicePosition, volume: Volume) -> float:
     """World units per unit of the place."""
-    from splatgl.geometry.clipping import world_units
-
     return world_units(where.unit, volume.unit, where.text, "slice")
 
 
@@ -301,8 +299,6 @@ def plane_through(
     )
     right = _unit(right - (right @ normal) * normal)
     down = _unit(down - (down @ normal) * normal - (down @ right) * right)
-    from splatgl.geometry.clipping import clip_corners
-
     d = float(normal @ point)
     row = (float(normal[0]), float(normal[1]), float(normal[2]))
     corners = clip_corners([(*row, d), (-row[0], -row[1], -row[2], -d)], volume.corners)

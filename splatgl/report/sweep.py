@@ -118,7 +118,9 @@ class ReportSubject:
         if not len(splats):
             fix = "give a scene.toml with a transfer function"
             raise expected(source, "voxels that are not transparent", "none", fix)
-        camera = replace(scene.view, size=_fit_size(scene.view.size, level.size)).camera(volume, splats)
+        scale = level.size / max(scene.view.size)
+        width, height = (max(1, round(side * scale)) for side in scene.view.size)
+        camera = replace(scene.view, size=(width, height)).camera(volume, splats)
         formula = FORMULAS.get(scene.volume) if not scene.load else None
         halvings = 0
         # averaged voxels would not be samples of the formula
@@ -187,12 +189,6 @@ class ReportSubject:
         if method.row:
             return reference.render(splats, self.camera, settings, method.row)
         return renderer.render(splats, self.camera, settings)
-
-
-def _fit_size(size: tuple[int, int], longest: int) -> tuple[int, int]:
-    """The size scaled to `longest` pixels on its longer side."""
-    scale = longest / max(size)
-    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
 
 
 # settings of all splat truths, and of the reference alone
