@@ -115,7 +115,6 @@ def _write_video(part: Path, suffix: str, frames: Iterable[np.ndarray], fps: flo
 
 
 def _write_gif(part: Path, frames: Iterable[np.ndarray], durations: Sequence[int]) -> None:
-    """Writes a GIF with an optimal palette of 256 colours per frame."""
     from PIL import Image as Pillow
 
     shown = (Pillow.fromarray(frame).quantize(256, method=Pillow.Quantize.MEDIANCUT) for frame in frames)

@@ -168,7 +168,6 @@ def outputs_of(named: Sequence[str], output: OutputOptions) -> list[OutputOption
 
 
 def _scene(scene_of: Callable[[str], SceneFile], source: str) -> SceneFile | str:
-    """The scene of a source, or its error."""
     try:
         return scene_of(source)
     except USER_ERRORS as error:
@@ -185,7 +184,6 @@ def _output(template: str, source: str, number: int) -> str:
 
 
 def _tell_error(output: OutputOptions, message: str) -> None:
-    """Prints the error of one picture."""
     line, source = one_line(message), output.source
     if output.json:
         print(json.dumps({"source": source, "output": output.output, "error": line}, ensure_ascii=False), flush=True)
@@ -235,7 +233,6 @@ def _on_workers(jobs: Sequence[BatchJob], how: DrawOptions, by: WorkerOptions) -
 
 
 def _draw_on_worker(job: BatchJob, how: DrawOptions, drawing: Drawing) -> BatchPicture | str:
-    """Draws a job on a worker, with its renderer."""
     from splatgl.distributed.workers import renderer
 
     return draw_job(job, replace(how, held=renderer(drawing)))

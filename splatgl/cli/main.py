@@ -240,7 +240,6 @@ def _reject_unknown(command: argparse.ArgumentParser, words: Sequence[str]) -> N
 
 
 def _reject_rest(command: argparse.ArgumentParser, rest: list[str]) -> NoReturn:
-    """Exits with the surplus operands."""
     name = command.prog.split()[-1]
     series = "; splatgl render draws several, splatgl animate a series" if name == "view" else ""
     operands = COMMANDS[name].operands

@@ -143,7 +143,6 @@ def slice_summary(output: Path, image: Image, scene: OpenScene) -> str:
 
 
 def _drawn(image: Image) -> str:
-    """Text on the number of splats and triangles."""
     splats, triangles = (int(str(image.info.get(name, 0))) for name in ("splats", "triangles"))
     text = [f"{splats:,} splats"] if splats or not triangles else []
     return " and ".join([*text, *([f"{triangles:,} triangles"] if triangles else [])])

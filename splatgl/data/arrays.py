@@ -54,7 +54,6 @@ def volume_of(x: Any, **options: Any) -> Volume:
 
 
 def _find_converter(x: Any) -> Any:
-    """The function that converts objects of the type of `x`."""
     for base in type(x).__mro__:
         place = _SOURCES.get(base.__module__.partition(".")[0])
         if place is not None:

@@ -18,10 +18,7 @@ _ALIGNED = 1e-6
 
 
 def to_xarray(volume: Volume) -> Any:
-    """A DataArray [z, y, x] with the coordinates of the voxels' centres in the volume's world; of several channels
-    [channel, z, y, x]. Samples that are read in parts become a Dask array. Raises InputError for a turned grid, which
-    coordinates cannot describe.
-    """
+    """As of `Volume.to_xarray`; coordinates are those of the voxels' centres."""
     xarray = import_extra("xarray", "DataArrays", "xarray", "arrays")
     signs = np.diag(volume.direction)
     if not np.allclose(volume.direction, np.diag(np.sign(signs)), atol=_ALIGNED):
@@ -44,15 +41,13 @@ def to_xarray(volume: Volume) -> Any:
 
 
 def to_dask(volume: Volume) -> Any:
-    """A Dask array [z, y, x] of the samples, in the chunks of its store; nothing is read."""
+    """As of `Volume.to_dask`, in the chunks of its store."""
     array, dask = lazy_samples(volume.samples), _dask()
     return dask.from_array(array) if isinstance(array, np.ndarray) else array
 
 
 def to_simpleitk(volume: Volume) -> Any:
-    """A SimpleITK image in LPS and millimetres, with spacing, origin and direction; all samples are read. Raises
-    InputError for a sheared grid.
-    """
+    """As of `Volume.to_simpleitk`; all samples are read."""
     library = import_extra("SimpleITK", "images of SimpleITK", "SimpleITK", "arrays")
     placed, samples = _placed(volume, "LPS")
     direction = np.asarray(placed.direction)
@@ -66,9 +61,7 @@ def to_simpleitk(volume: Volume) -> Any:
 
 
 def to_nibabel(volume: Volume) -> Any:
-    """A NIfTI image of nibabel in RAS and millimetres; its array is a view of samples in memory. Raises InputError for
-    types that NIfTI lacks.
-    """
+    """As of `Volume.to_nibabel`; its array is a view of samples in memory."""
     nibabel = import_extra("nibabel", "images of nibabel", "nibabel", "readers")
     placed, samples = _placed(volume, "RAS")
     affine = np.eye(4)

@@ -319,7 +319,6 @@ def _settings_for(mode: str | None, attenuation: float, settings: Settings) -> S
 
 
 def _pixel_number(pixel: Any, camera: Camera) -> int:
-    """A pixel's number, row by row."""
     width, height = camera.size
     try:
         column, row = (int(number) for number in pixel)
