@@ -55,10 +55,6 @@ class Rect:
         across = self.left < other.right and other.left < self.right
         return across and self.top < other.bottom and other.top < self.bottom
 
-    def moved(self, x: int, y: int) -> Rect:
-        """The rectangle, that many pixels farther right and down."""
-        return Rect(self.left + x, self.top + y, self.right + x, self.bottom + y)
-
 
 # changed pixels: a rectangle, a rectangle with the only patch on it, or indices of pixels
 Touched: TypeAlias = Rect | np.ndarray | tuple[Rect, np.ndarray]

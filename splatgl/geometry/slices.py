@@ -258,15 +258,10 @@ def _axis_plane(where: SlicePosition, volume: Volume, up: np.ndarray, at: float)
         this = f"a voxel from 0 to {size - 1} along {'xyz'[axis]}" if not unit else "a share from 0% to 100%"
         fix = f"{name}={at:g}{volume.unit or 'units'} is a position in the world" if not unit else ""
         raise expected("slice", this, repr(where.text), fix)
-    return grid_plane(volume, axis, index, up, title, where.text)
-
-
-def grid_plane(volume: Volume, axis: int, index: float, up: np.ndarray, title: str, text: str = "") -> SlicePlane:
-    """The plane at an index along an axis of the grid. Raises InputError as `plane_through`."""
     middle = (np.array(volume.shape[::-1]) - 1) / 2
     middle[axis] = index
     point = volume.world_from_index @ middle + np.asarray(volume.origin)
-    return plane_through(volume, point, grid_normals(volume)[axis], up, title, text, True)
+    return plane_through(volume, point, grid_normals(volume)[axis], up, title, where.text, True)
 
 
 def grid_normals(volume: Volume) -> np.ndarray:

@@ -46,7 +46,10 @@ def shown_values(
     most, layer = np.zeros(count), np.zeros(count, np.int64)
     value, depth = np.full((2, count), np.nan)
     for number, rays in enumerate(layers):
-        values, depths = shown_value(rays, settings.join, settings.mip_attenuation)
+        if settings.join == "attenuated":
+            values, depths = _attenuated(rays, settings.mip_attenuation)
+        else:
+            values, depths = _mean(rays) if settings.join == "mean" else _extreme(rays, settings.join)
         opacity = np.nan_to_num(rays.layer.matter.opacity(values))
         better = np.flatnonzero(opacity > most)
         most[better], layer[better] = opacity[better], number
@@ -54,18 +57,9 @@ def shown_values(
     return layer, value, depth
 
 
-def shown_value(layer: LayerRays, join: str, attenuation: float) -> Found:
-    """Values that a blend of one value shows of a layer, and the first depths where the field has them. join: as of the
-    blend; attenuation: per reference length.
-    """
-    if join == "attenuated":
-        return _attenuated(layer, attenuation)
-    return _mean(layer) if join == "mean" else _extreme(layer, 1.0 if join == "max" else -1.0)
-
-
-def _extreme(layer: LayerRays, sign: float) -> Found:
-    """The largest values along rays, or for a sign of −1 the least."""
-    count = len(layer.near)
+def _extreme(layer: LayerRays, join: str) -> Found:
+    """The largest values along rays, or for the join min the least, and the first depths where the field has them."""
+    count, sign = len(layer.near), 1.0 if join == "max" else -1.0
     best, depth = CurrentExtreme(np.full(count, -np.inf), sign), np.full(count, np.nan)
 
     def visit(rays: np.ndarray, ends: np.ndarray) -> np.ndarray:

@@ -124,11 +124,6 @@ class Pixels:
         """The pixels of ascending row-major indices [P]."""
         return cls(size, *np.divmod(np.asarray(index, np.int64), size[0]))
 
-    @classmethod
-    def of_rows(cls, size: tuple[int, int], top: int, bottom: int) -> Self:
-        """All pixels of the rows top ≤ row < bottom."""
-        return cls.of(size, np.arange(top * size[0], bottom * size[0]))
-
     def __len__(self) -> int:
         return len(self.row)
 

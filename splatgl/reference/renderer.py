@@ -130,7 +130,8 @@ def draw_bands(scene: Drawing, resolved: Resolved, progress: Progress | None = N
     height = max(1, scene.band_height() // resolved.samples) * resolved.samples
     bands = [(top, min(top + height, fine.size[1])) for top in range(0, fine.size[1], height)]
     remaining = progress(iter(bands), len(bands)) if progress else bands
-    drawn = [scene.part(Pixels.of_rows(fine.size, top, end)) for top, end in remaining]
+    rows = (np.arange(top * fine.size[0], end * fine.size[0]) for top, end in remaining)
+    drawn = [scene.part(Pixels.of(fine.size, index)) for index in rows]
     samples = np.concatenate(drawn).reshape(fine.size[1], fine.size[0], 4)
     return over_background(pixel_means(samples, resolved.samples) if resolved.averaged else samples, resolved)
 

@@ -213,7 +213,9 @@ class Truths:
         if self.level.pixels is None:
             return np.arange(np.prod(self.subject.camera.size))
         shown = self.subject.draw(self.renderer, methods()[DEFAULT]).pixels.reshape(-1, 4)
-        matter = np.flatnonzero((shown != _empty_pixel(shown)).any(axis=1))
+        values, counts = np.unique(shown, axis=0, return_counts=True)
+        # the background is the most frequent pixel
+        matter = np.flatnonzero((shown != values[counts.argmax()]).any(axis=1))
         random = np.random.default_rng(SEED)
         return np.sort(random.choice(matter, min(self.level.pixels, len(matter)), replace=False))
 
@@ -324,12 +326,6 @@ class Truths:
         if self.level.pixels is not None:
             return self._reference(exact)
         return self.renderer.render(self.subject.splats(), self.subject.camera, exact).pixels.astype(np.float64)
-
-
-def _empty_pixel(pixels: np.ndarray) -> np.ndarray:
-    """The pixel [4] that is most often along the sequence [N, 4]: the background."""
-    values, counts = np.unique(pixels, axis=0, return_counts=True)
-    return np.asarray(values[counts.argmax()])
 
 
 @dataclass(frozen=True)

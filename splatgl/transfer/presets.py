@@ -368,11 +368,6 @@ def over_window(base: Transfer, low: float, high: float) -> Transfer:
     return replace(base, points=((low, 0.0), (high, SOLID)), window=(low, high)) if low < high else base
 
 
-def is_ct(volume: Volume) -> bool:
-    """Whether the values are in Hounsfield units, by the file or by their distribution."""
-    return volume.value_unit == "HU" or (not volume.value_unit and _is_hounsfield(statistics(volume)))
-
-
 # voxels from which noise that is drawn costs more than a moment, and least share of them that it is
 DENSE, NOISY = 1 << 20, 0.25
 
@@ -402,7 +397,9 @@ def window_question(volume: Volume, window: Sequence[float]) -> str:
     """
     low, high = window
     is_custom = any(least <= low <= most for least, most in LEVELS) and high >= 2 * abs(low)
-    if not (is_custom and is_ct(volume)):
+    # by the file or by their distribution
+    is_ct = is_custom and (volume.value_unit == "HU" or (not volume.value_unit and _is_hounsfield(statistics(volume))))
+    if not is_ct:
         return ""
     return (
         f"--window {low:g},{high:g} spans {low:g} to {high:g} HU; if they are level and width, "

@@ -185,7 +185,7 @@ def met(splats: sg.Splats, camera: sg.Camera) -> tuple[float, float]:
     count, depth = np.zeros(pixels), np.zeros(pixels)
     length, share = splats.records["optical_depth"], scene.row.coverage()
     for found in pair_values(
-        scene.row, scene.boxes, scene.order, Pixels.of_rows(camera.size, 0, camera.size[1]), camera
+        scene.row, scene.boxes, scene.order, Pixels.of(camera.size, np.arange(np.prod(camera.size))), camera
     ):
         count += np.bincount(found.pixel, minlength=pixels)
         weight = length[found.splat] * share[found.splat]

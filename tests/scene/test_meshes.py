@@ -119,7 +119,7 @@ def test_rays_cross_balls_where_spheres_are() -> None:
     """Distances and normals of a fine ball against the closed form of a sphere."""
     ball = sg.Mesh.of_points([[0, 30, 0]], 5.0, color=(1, 1, 1))
     camera = sg.Camera.look_at((0, 0, 0), (0, 1, 0), (0, 0, 1), 15, (32, 32))
-    found = crossings([ball], camera, Pixels.of_rows((32, 32), 0, 32), LIGHTS["head"])
+    found = crossings([ball], camera, Pixels.of((32, 32), np.arange(32 * 32)), LIGHTS["head"])
     x, y = np.meshgrid(*camera.slopes())
     ray = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
     ray /= np.linalg.norm(ray, axis=1)[:, None]
