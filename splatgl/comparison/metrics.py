@@ -169,12 +169,9 @@ def over_channels(d: np.ndarray, out: np.ndarray) -> None:
 def exceeds_threshold(
     a: np.ndarray, b: np.ndarray, worst: np.ndarray, threshold: float | None, peak: float
 ) -> np.ndarray:
-    """bool [H, W]: whether `worst`, the largest |a − b| of a pixel, exceeds threshold·peak; None: one step."""
-    return exceeds_step(a, b, worst, peak) if threshold is None else worst > threshold * peak
-
-
-def exceeds_step(a: np.ndarray, b: np.ndarray, worst: np.ndarray, peak: float) -> np.ndarray:
-    """bool [H, W]: a and b differ by more than one step of 8-bit samples. worst: [H, W], the largest |a − b|."""
+    """bool [H, W]: whether `worst`, the largest |a − b| of a pixel, exceeds threshold·peak; None: an 8-bit step."""
+    if threshold is not None:
+        return worst > threshold * peak
     over = worst > DARK_STEP * peak
     for top in range(0, len(over), STEP_BAND_ROWS):
         band = slice(top, top + STEP_BAND_ROWS)
@@ -209,7 +206,7 @@ def largest_level(a: np.ndarray, b: np.ndarray, peak: float) -> float:
     fractions of levels.
 
     Colours count where both pixels have an alpha of half a level or more, and differences that rounding explains
-    (`exceeds_step`) in translucent ones as at most one level.
+    (`exceeds_threshold`) in translucent ones as at most one level.
     """
     most = 0.0
     for top in range(0, len(a), STEP_BAND_ROWS):
