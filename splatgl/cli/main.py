@@ -273,7 +273,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         if name in arguments[:1]:
             find_function(row.place, "splatgl.cli")(command)
             if command.is_long:
-                command.add_argument("--help-all", action=HelpAll, help=argparse.SUPPRESS)
+                command.add_argument("--help-all", action=HelpAll, nargs=0, help=argparse.SUPPRESS)
     return parser
 
 

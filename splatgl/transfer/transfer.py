@@ -82,10 +82,6 @@ def _hull(regions: Sequence[Region], labels: Sequence[tuple[int, str, float]]) -
     return ((min(ends), 0.0), (max(ends), SOLID if labels else 0.0))
 
 
-def _unit(value: Any) -> Any:
-    return value if isinstance(value, str) and value == EXTENT else _LENGTH.check(value)
-
-
 def _colormap(name: Any) -> str:
     """The name of a map, also of sRGB colours [N, 3] from 0 to 1, or of whole numbers from 0 to 255."""
     if not isinstance(name, str):
@@ -145,7 +141,7 @@ class Transfer:
         None,
         ValueKind(
             f"a positive, finite length in world units, or {EXTENT}",
-            _unit,
+            lambda value: value if isinstance(value, str) and value == EXTENT else _LENGTH.check(value),
             lambda text: text if text == EXTENT else float(text),
             f"L|{EXTENT}",
             hint='float | Literal["extent"]',
