@@ -191,7 +191,7 @@ def depths(
         surfaces = SurfaceRays.of(meshes, camera, some)
         parts: list[LayerRays | SurfaceRays] = [*layers, *([surfaces] if surfaces else [])]
         enough = LEAST - float(np.log1p(-share))
-        return absorb(parts, np.full(len(some), enough)).depth
+        return absorb(parts, np.full(len(some), enough))[2]
 
     with ThreadPoolExecutor(min(os.cpu_count() or 1, THREADS)) as pool:
         result = np.concatenate(list(pool.map(follow, range(0, len(pixels), RAYS))))
@@ -268,13 +268,13 @@ def pick(
             return _point(scene, fields[number][0], layers[number], depth, value)
         layers = []
     parts: list[LayerRays | SurfaceRays] = [*layers, *([surfaces] if surfaces else [])]
-    total = absorb(parts, np.full(1, np.inf)).total
+    total = absorb(parts, np.full(1, np.inf))[3]
     if not total[0] > 0:
         return None
-    reached = absorb(parts, np.minimum(HALF_ABSORBED, total / 2))
-    here = np.stack([reached.begin, reached.end])
+    *piece, reached, _ = absorb(parts, np.minimum(HALF_ABSORBED, total / 2))
+    here = np.stack(piece)
     most = int(np.argmax([passed([part], here, np.zeros(1, np.int64))[0, 0] for part in parts]))
-    part, depth = parts[most], float(reached.depth[0])
+    part, depth = parts[most], float(reached[0])
     if isinstance(part, LayerRays):
         return _point(scene, fields[most][0], part, depth)
     mesh = int(part.mesh[0, int(np.searchsorted(part.depth[0], depth))])

@@ -16,7 +16,7 @@ from splatgl.geometry.camera import Camera
 from splatgl.geometry.clipping import FACE
 from splatgl.planning.culling import back_to_front, order_for
 from splatgl.planning.resolve import Resolved
-from splatgl.reference.blend import ADD, Accumulator, BlendTerms, pixels
+from splatgl.reference.blend import ADD, Accumulator, pixels
 from splatgl.reference.rays import Bounds, PixelBoxes, Pixels, Rays, box_ends, pair_values, pixel_boxes, pixel_slopes
 from splatgl.reference.sheets import ConstantPieces, SheetScene, composite_sums
 from splatgl.splat.lighting import LightModel, surface_light
@@ -66,7 +66,7 @@ class BoxScene:
             matter = self._matter(splat, pixel, ends, rays)
             depth = matter[:, 3]
             color = matter[:, :3] / np.where(depth > 0, depth, 1.0)[:, None]
-            ADD[self.appearance.join](gathered, BlendTerms(pixel, depth, color, np.ones(len(depth))))
+            ADD[self.appearance.join](gathered, pixel, depth, color, np.ones(len(depth)))
         return pixels(gathered, self.appearance)
 
     def pieces(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> ConstantPieces:

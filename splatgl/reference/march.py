@@ -683,20 +683,11 @@ def passed(parts: Along, ends: np.ndarray, rays: np.ndarray) -> np.ndarray:
     return np.asarray(np.sum([part.passed(ends, rays) for part in parts], axis=0))
 
 
-@dataclass(frozen=True, eq=False)
-class AbsorptionDepths:
-    """Where rays reach an optical depth. begin, end [P]: a short piece within which they do, NaN for none; depth [P]:
-    within it. total [P]: optical depths that rays have passed when they end.
+def absorb(parts: Along, enough: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Follows rays until they have passed optical depths [P]. Returns the begin and the end [P] of short pieces within
+    which they do, NaN for none, the depths [P] within these, and the optical depths [P] that rays have passed when they
+    end.
     """
-
-    begin: np.ndarray
-    end: np.ndarray
-    depth: np.ndarray
-    total: np.ndarray
-
-
-def absorb(parts: Along, enough: np.ndarray) -> AbsorptionDepths:
-    """Follows rays until they have passed optical depths [P]."""
     total = np.zeros(len(enough))
     begin, end, left = np.full((3, len(enough)), np.nan)
 
@@ -716,7 +707,7 @@ def absorb(parts: Along, enough: np.ndarray) -> AbsorptionDepths:
     depth = np.full(len(enough), np.nan)
     if len(some):
         begin[some], end[some], depth[some] = _refine(parts, some, (begin[some], end[some]), left[some])
-    return AbsorptionDepths(begin, end, depth, total)
+    return begin, end, depth, total
 
 
 def _refine(

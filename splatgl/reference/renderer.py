@@ -20,7 +20,7 @@ from splatgl.planning.bricks import Bricks
 from splatgl.planning.culling import back_to_front, clip_behind_eye, order_for
 from splatgl.planning.resolve import Appearance, Resolved, attenuation_form, voxel_kernel
 from splatgl.planning.scene import ResolvedScene, Scene, join_pictures, resolve_scene
-from splatgl.reference.blend import ADD, Accumulator, BlendTerms, mean_weights, over_background, pixel_means, pixels
+from splatgl.reference.blend import ADD, Accumulator, mean_weights, over_background, pixel_means, pixels
 from splatgl.reference.layers import BoxScene, LayerScene, SurfaceScene
 from splatgl.reference.rays import (
     EWA,
@@ -271,7 +271,7 @@ class SplatScene:
             depth = self.depth[s] * (
                 integral.value / integral.peak if self.appearance.join == "max" else integral.value
             )
-            ADD[self.appearance.join](gathered, BlendTerms(pairs.pixel, depth, self.color[s], self.coverage[s]))
+            ADD[self.appearance.join](gathered, pairs.pixel, depth, self.color[s], self.coverage[s])
         return pixels(gathered, self.appearance)
 
 
