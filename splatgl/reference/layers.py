@@ -109,10 +109,10 @@ class BoxScene:
         [2, N] of their ends; at least one chunk.
         """
         yield np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((2, 0))
-        for pairs in pair_values(self, self.boxes, self.order, wanted, self.camera):
-            ends = self.ends(rays, pairs.splat, pairs.pixel)
+        for splat, pixel, _ in pair_values(self, self.boxes, self.order, wanted, self.camera):
+            ends = self.ends(rays, splat, pixel)
             some = ends[1] > ends[0]
-            yield pairs.splat[some], pairs.pixel[some], ends[:, some]
+            yield splat[some], pixel[some], ends[:, some]
 
     def _matter(self, splat: np.ndarray, pixel: np.ndarray, ends: np.ndarray, rays: Rays) -> np.ndarray:
         """[N, 4]: emission and optical depth, or opacity, of parts of boxes."""
@@ -187,17 +187,6 @@ ON_EDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class MeshHits:
-    """Surfaces along rays, nearest first. distance [P, K]: from the eye, or from its plane, world units; infinite after
-    the last. light [P, K, 4]: premultiplied. mesh [P, K]: number of the mesh, −1 for the last.
-    """
-
-    distance: np.ndarray
-    light: np.ndarray
-    mesh: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
 class SurfaceScene:
     """Data shared by all pixels of a picture of volumes with meshes. camera: of the samples; light: None: unlit."""
 
@@ -212,17 +201,21 @@ class SurfaceScene:
 
     def part(self, wanted: Pixels) -> np.ndarray:
         """Wanted pixels of the picture, float64 [P, 4]."""
-        surfaces = crossings(self.meshes, self.camera, wanted, self.light)
+        distances, lights, _ = crossings(self.meshes, self.camera, wanted, self.light)
         light, near = np.zeros((len(wanted), 4)), np.zeros(len(wanted))
-        for far, surface in zip(surfaces.distance.T, surfaces.light.transpose(1, 0, 2), strict=True):
+        for far, surface in zip(distances.T, lights.transpose(1, 0, 2), strict=True):
             for part in (self.scene.part(wanted, near, far), surface):
                 light += (1 - light[:, 3:]) * part
             near = far
         return light
 
 
-def crossings(meshes: Sequence[Mesh], camera: Camera, wanted: Pixels, light_by: LightModel | None) -> MeshHits:
-    """Surfaces along the rays of wanted pixels, followed by an empty one at infinity."""
+def crossings(
+    meshes: Sequence[Mesh], camera: Camera, wanted: Pixels, light_by: LightModel | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Surfaces along the rays of wanted pixels, nearest first, and an empty one at infinity: distances [P, K] from the
+    eye, or from its plane, world units; light [P, K, 4], premultiplied; numbers of the meshes [P, K], −1 for the last.
+    """
     count = len(wanted)
     shown = [number for number, mesh in enumerate(meshes) if len(mesh) and mesh.opacity > 0]
     parts = [_cross_mesh(meshes[number], camera, wanted, light_by) for number in shown]
@@ -235,9 +228,9 @@ def crossings(meshes: Sequence[Mesh], camera: Camera, wanted: Pixels, light_by: 
     first = np.searchsorted(pixel, np.arange(count))
     place = np.arange(len(pixel)) - first[pixel]
     size = count, place.max() + 1
-    result = MeshHits(np.full(size, np.inf), np.zeros((*size, 4)), np.full(size, -1))
-    result.distance[pixel, place], result.light[pixel, place], result.mesh[pixel, place] = distance, light, mesh
-    return result
+    distances, lights, numbers = np.full(size, np.inf), np.zeros((*size, 4)), np.full(size, -1)
+    distances[pixel, place], lights[pixel, place], numbers[pixel, place] = distance, light, mesh
+    return distances, lights, numbers
 
 
 def _cross_mesh(

@@ -545,13 +545,13 @@ class SurfaceRays:
     @classmethod
     def of(cls, meshes: Sequence[Mesh], camera: Camera, pixels: np.ndarray) -> Self | None:
         """Of meshes along the rays of pixels; None without any."""
-        crossed = crossings(meshes, camera, Pixels.of(camera.size, pixels), None)
-        if crossed.distance.shape[1] == 1:
+        distance, light, mesh = crossings(meshes, camera, Pixels.of(camera.size, pixels), None)
+        if distance.shape[1] == 1:
             return None
-        depth = crossed.distance / ray_lengths(camera, pixels)[:, None]
-        thickness = -np.log1p(-np.minimum(crossed.light[..., 3], OPAQUE))
+        depth = distance / ray_lengths(camera, pixels)[:, None]
+        thickness = -np.log1p(-np.minimum(light[..., 3], OPAQUE))
         step = np.where(np.isfinite(depth[:, 0]), depth[:, 0], 1.0) / STEPS
-        return cls(depth, thickness, crossed.mesh, step)
+        return cls(depth, thickness, mesh, step)
 
     @property
     def opaque(self) -> np.ndarray:

@@ -376,15 +376,6 @@ EWA = "ewa"
 
 
 @dataclass(frozen=True, eq=False)
-class PairValues:
-    """Pairs in drawing order: splat int [P], pixel int [P] (of the wanted ones), integral [P]."""
-
-    splat: np.ndarray
-    pixel: np.ndarray
-    integral: Integral
-
-
-@dataclass(frozen=True, eq=False)
 class FootprintRow:
     """One row of Table 1, or EWA, for voxels [3, N]."""
 
@@ -452,8 +443,10 @@ class Footprints(Protocol):
 
 def pair_values(
     row: Footprints, boxes: PixelBoxes, order: np.ndarray, wanted: Pixels, camera: Camera
-) -> Iterator[PairValues]:
-    """Yields the pairs of splats and wanted pixels, in chunks; splats in the given order."""
+) -> Iterator[tuple[np.ndarray, np.ndarray, Integral]]:
+    """Yields the pairs of splats and wanted pixels in chunks, splats in the given order: numbers [P] of both, and line
+    integrals [P].
+    """
     slopes, most = pixel_slopes(wanted.index, camera, row.view.pitch), wanted.most_in(boxes)
     visible = order[most[order] > 0]
     chunks = np.flatnonzero(np.diff(np.cumsum(most[visible]) // PAIRS)) + 1
@@ -462,7 +455,7 @@ def pair_values(
         splat = chunk[owner]
         integral = row.on(splat, slopes[:, pixel])
         hit = np.flatnonzero(integral.value != 0)
-        yield PairValues(splat[hit], pixel[hit], Integral(integral.value[hit], integral.peak[hit]))
+        yield splat[hit], pixel[hit], Integral(integral.value[hit], integral.peak[hit])
 
 
 def pixel_slopes(pixel: np.ndarray, camera: Camera, pitch: float) -> np.ndarray:

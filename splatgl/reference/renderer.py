@@ -264,14 +264,11 @@ class SplatScene:
     def part(self, wanted: Pixels) -> np.ndarray:
         """Wanted pixels of the picture, float64 [P, 4]."""
         gathered = Accumulator.empty(len(wanted))
-        for pairs in pair_values(self.row, self.boxes, self.order, wanted, self.camera):
-            s, integral = pairs.splat, pairs.integral
+        for s, pixel, integral in pair_values(self.row, self.boxes, self.order, wanted, self.camera):
             if not len(s):
                 continue
-            depth = self.depth[s] * (
-                integral.value / integral.peak if self.appearance.join == "max" else integral.value
-            )
-            ADD[self.appearance.join](gathered, pairs.pixel, depth, self.color[s], self.coverage[s])
+            value = integral.value / integral.peak if self.appearance.join == "max" else integral.value
+            ADD[self.appearance.join](gathered, pixel, self.depth[s] * value, self.color[s], self.coverage[s])
         return pixels(gathered, self.appearance)
 
 

@@ -22,7 +22,6 @@ from splatgl.reference.blend import classify_values, join_attenuated, join_value
 from splatgl.reference.rays import (
     Bounds,
     FootprintRow,
-    PairValues,
     PixelBoxes,
     Pixels,
     Rays,
@@ -32,6 +31,7 @@ from splatgl.reference.rays import (
 )
 from splatgl.splat.kernels import Kernel, tabulate
 from splatgl.splat.lighting import apply_light, surface_light
+from splatgl.splat.line_integral import Integral
 from splatgl.splat.sheets import (
     ABSENT,
     AMID,
@@ -472,7 +472,7 @@ class SheetScene:
         """Sums [P, sheets, terms] of wanted pixels."""
         sums = np.zeros((self.terms.shape[1], len(wanted) * self.many))
         for pairs in pair_values(self.row, self.boxes, np.arange(len(self.base)), wanted, self.camera):
-            self._add(sums, pairs)
+            self._add(sums, *pairs)
         by_sheet = sums.T.reshape(-1, self.many, len(sums))
         if self.near is not None:
             rays = self._rays(wanted, None, None)
@@ -531,11 +531,9 @@ class SheetScene:
         offset = np.broadcast_to(ray_offset(self.view, rays), len(places))[around]
         return np.asarray((places * self.sheets.thickness - offset) * (rays.stretch * self.spacing)[around])
 
-    def _add(self, sums: np.ndarray, pairs: PairValues) -> None:
-        value, splat = pairs.integral.value, pairs.splat
-        if self.field is not None:
-            value = value / pairs.integral.peak
-        entry = pairs.pixel * self.many + self.base[splat] - self.first
+    def _add(self, sums: np.ndarray, splat: np.ndarray, pixel: np.ndarray, integral: Integral) -> None:
+        value = integral.value if self.field is None else integral.value / integral.peak
+        entry = pixel * self.many + self.base[splat] - self.first
         shares = [weight[splat] * value for weight in self.weights]
         for total, term in zip(sums, self.terms.T, strict=True):
             values = term[splat]
