@@ -84,7 +84,7 @@ class BoxScene:
         ends[pixel, place] = depths.T[order] * world
         matter[pixel, place] = self._matter(splat, of_pixel, depths, rays)[order]
         # empty pieces at the end of a ray follow its last one
-        return ConstantPieces(np.maximum.accumulate(ends.reshape(len(ends), -1), axis=1).reshape(ends.shape), matter)
+        return np.maximum.accumulate(ends.reshape(len(ends), -1), axis=1).reshape(ends.shape), matter
 
     def through(self, lateral: np.ndarray) -> Rays:
         """Rays through slopes, or lengths, [2, P] from the middle of the picture."""
@@ -162,22 +162,22 @@ class LayerScene:
     def part(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> np.ndarray:
         """Wanted pixels of the picture, float64 [P, 4], or their light between distances [P], world units."""
         layers = [layer.pieces(wanted, near, far) for layer in self.layers]
-        ends = np.concatenate([layer.ends.reshape(len(layer.ends), -1) for layer in layers], axis=1)
+        ends = np.concatenate([own.reshape(len(own), -1) for own, _ in layers], axis=1)
         order = np.argsort(ends, axis=1, kind="stable")
         edges = np.take_along_axis(ends, order, axis=1).T
         # of an end the layer whose piece ends there, −1 where one begins
-        ending = np.concatenate([np.tile([-1, n], layer.ends.shape[1]) for n, layer in enumerate(layers)])[order].T
+        ending = np.concatenate([np.tile([-1, n], own.shape[1]) for n, (own, _) in enumerate(layers)])[order].T
         light = np.zeros((len(ends), 4))
         at = [np.zeros(len(ends), np.intp) for _ in layers]
         for first, last, ended in zip(edges[:-1], edges[1:], ending[:-1], strict=True):
             middle, matter = (first + last) / 2, np.zeros_like(light)
-            for n, layer in enumerate(layers):
+            for n, (own, own_matter) in enumerate(layers):
                 at[n] += ended == n
-                some = np.flatnonzero((last > first) & (at[n] < layer.ends.shape[1]))
-                begin, end = layer.ends[some, at[n][some]].T
+                some = np.flatnonzero((last > first) & (at[n] < own.shape[1]))
+                begin, end = own[some, at[n][some]].T
                 inside = (begin < middle[some]) & (middle[some] < end)
                 some, length = some[inside], (end - begin)[inside]
-                matter[some] += layer.matter[some, at[n][some]] * ((last - first)[some] / length)[:, None]
+                matter[some] += own_matter[some, at[n][some]] * ((last - first)[some] / length)[:, None]
             light += (1 - light[:, 3:]) * composite_sums(matter[:, None])
         return light
 

@@ -423,6 +423,9 @@ def mean_classes(
     return np.asarray(matter)
 
 
+# segments of constant density along rays, nearest first: the world distances of their ends [P, N, 2] from the eye, or
+# from its plane; and emission and optical depth [P, N, 4]
+ConstantPieces = tuple[np.ndarray, np.ndarray]
 # maximum number of floats in the sums of a band of pixels
 MOST_SUMS = 2**24
 
@@ -490,7 +493,7 @@ class SheetScene:
             # a sheet's matter extends by half a sheet to both sides
             middle = self.first + np.arange(self.many)[None, :, None] + np.zeros((len(sums), 1, 1))
             sums = sums if near is None else sums * self._within(rays)[..., None]
-            return ConstantPieces(self._depths(rays, middle + np.array([-0.5, 0.5])), sums)
+            return self._depths(rays, middle + np.array([-0.5, 0.5])), sums
         all_pixels = np.ones(len(sums), bool)
         steps, both = self.field.segments(self.sheets), 1 + bool(self.field.post.transfer.iso)
         number = (self.many + 2) * steps
@@ -509,7 +512,7 @@ class SheetScene:
             thickness = (ends[:, n, 1] - ends[:, n, 0]) * (n % both)
             ends[:, n, 0] = np.maximum(ends[:, n, 0], ends[:, n - 1, 1])
             ends[:, n, 1] = np.maximum(ends[:, n, 1], ends[:, n, 0] + thickness)
-        return ConstantPieces(self._depths(rays, ends), matter)
+        return self._depths(rays, ends), matter
 
     def _rays(self, wanted: Pixels, near: np.ndarray | None, far: np.ndarray | None) -> Rays:
         """Rays of wanted pixels, clipped to distances if given; endless for splats classified before."""
@@ -558,18 +561,6 @@ def near_sums(near: NearField, kernel: Kernel, rays: Rays, sheet: int, sheets: S
         weight = kernel.footprint(across) * sheets.shares(along / sheets.thickness) * (cells[:, 3] < ABSENT)
         sums += weight[:, None] * np.column_stack([np.ones(len(cells)), cells[:, 3], cells[:, :3]])
     return np.asarray(sums / kernel.footprint(np.zeros(())))
-
-
-@dataclass(frozen=True, eq=False)
-class ConstantPieces:
-    """Segments of constant density along rays, nearest first. ends [P, N, 2]: world distances from the eye, or from its
-    plane.
-
-    matter [P, N, 4]: emission and optical depth.
-    """
-
-    ends: np.ndarray
-    matter: np.ndarray
 
 
 def composite_sums(sums: np.ndarray) -> np.ndarray:
