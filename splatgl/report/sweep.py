@@ -284,14 +284,19 @@ class Truths:
         return render_pixels(resolve_scene(splats, camera, settings), self.places)[None]
 
     def _field(self, settings: Settings) -> np.ndarray:
-        """The field of the scene's formula, else of its samples."""
+        """The field of the scene's formula, else of its samples; drawn once for all backgrounds."""
+        if settings.ground is not None:
+            pixels = self.get("field", settings.replace(background=None)).pixels
+            return np.asarray(pixels + (1 - pixels[..., 3:]) * np.array([*settings.ground, 1.0]))
+        if self.level.pixels is not None and self.subject.formula is None:
+            splats = self.subject.splats(post=POST_KERNEL)
+            after = Settings(**{name: getattr(settings, name) for name in FIELD})
+            return kept_field_integral(splats, self.subject.camera, self.places, self.level.rays, after)[None]
         assert self.subject.content is not None
         volume, transfer = self.subject.content
         if settings.shading != "auto":
             transfer = replace(transfer, shading=settings.shading == "on")
         (width, height), rays = self.subject.camera.size, self.level.rays
-        if self.level.pixels is not None and self.subject.formula is None:
-            return self._field_at_places(settings)
         fine = self.subject.camera.resized((width * rays, height * rays))
         field: Field | str = POST_KERNEL
         if (formula := self.subject.formula) is not None:
@@ -301,19 +306,7 @@ class Truths:
                 return formula(world @ places + origin)
 
         drawn = field_integral(volume, transfer, fine, field, self.level.steps)
-        pixels = pixel_means(drawn.pixels, rays)
-        if settings.ground is None:
-            return pixels
-        return np.asarray(pixels + (1 - pixels[..., 3:]) * np.array([*settings.ground, 1.0]))
-
-    def _field_at_places(self, settings: Settings) -> np.ndarray:
-        """The field of the samples at some pixels, [1, N, 4]; drawn once for all backgrounds."""
-        if settings.ground is not None:
-            pixels = self.get("field", settings.replace(background=None)).pixels
-            return np.asarray(pixels + (1 - pixels[..., 3:]) * np.array([*settings.ground, 1.0]))
-        splats = self.subject.splats(post=POST_KERNEL)
-        after = Settings(**{name: getattr(settings, name) for name in FIELD})
-        return kept_field_integral(splats, self.subject.camera, self.places, self.level.rays, after)[None]
+        return pixel_means(drawn.pixels, rays)
 
     def _sampled(self, settings: Settings, samples: int) -> np.ndarray:
         exact = settings.replace(
