@@ -412,6 +412,10 @@ class OptionGroup:
         return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in self.options.items())})"
 
 
+# end of notes on what a limit of splatgl, not a choice, leaves out of a picture
+LIMITED = "(a limit, changes the picture)"
+
+
 def no_effect(names: Iterable[str], why: str) -> list[str]:
     """A note on options without effect, in a list; [] without names."""
     listed = ", ".join(names)

@@ -17,6 +17,7 @@ from splatgl.geometry.camera import Camera, check_reach
 from splatgl.geometry.clipping import Clip, clip_splats
 from splatgl.geometry.mask_field import MaskField
 from splatgl.geometry.view import GridView, widening
+from splatgl.options import LIMITED
 from splatgl.planning.ambient_occlusion import LightVolume
 from splatgl.splat.extract import POST_KERNEL, Progress, SplatSource, extract, why_only_pre
 from splatgl.splat.hidden_interior import LEFT_OUT, TOLERANCE
@@ -262,7 +263,7 @@ def _sheets(splats: Splats, settings: Settings, view: GridView, moving: bool, no
     many = f"at most {MOST_SHEETS:,} sheets and {MOST_KEPT:,} splats"
     if post:
         raise expected("splats", many, f"{last - first + 1:,} and {len(splats):,}", "take a part of the volume")
-    notes.append(f"sheets left out: they take {many} (changes the picture)")
+    notes.append(f"sheets left out: they take {many} {LIMITED}")
     return None
 
 
@@ -310,7 +311,9 @@ def samples_per_pixel(splats: Splats, camera: Camera, settings: Settings, notes:
     wanted, size = int(np.clip(np.ceil(farthest_pixel(splats, camera)), least, MOST_SAMPLES)), camera.size
     fits = max(1, min(MOST_SIDE // max(size), int(np.sqrt(MOST_AREA / (size[0] * size[1])))))
     if wanted > fits and notes is not None:
-        notes.append(f"{wanted}×{wanted} samples a pixel left out: the picture is too large; its edges alias more")
+        notes.append(
+            f"{wanted}×{wanted} samples a pixel left out: the picture is too large, its edges alias more {LIMITED}"
+        )
     return min(wanted, fits)
 
 
@@ -581,7 +584,8 @@ def select_with_notes(
     if splats.source is None or settings.classification != "auto":
         return selected, "classification pre"
     why = splats.source.only_pre or why_per_splat(settings, moving) or f"more than {MOST_KEPT:,} values"
-    notes.append(f"classification after reconstruction left out: {why} (changes the picture)")
+    how = LIMITED if why.startswith(("more than", "values from")) else "(changes the picture)"
+    notes.append(f"classification after reconstruction left out: {why} {how}")
     return selected, why
 
 

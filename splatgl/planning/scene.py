@@ -25,7 +25,7 @@ from splatgl.geometry.camera import Camera, FittedPoints
 from splatgl.geometry.clipping import ClipUnits, Plane, change_planes, parse_planes
 from splatgl.geometry.grid import Grid
 from splatgl.geometry.slices import Slice, SliceLayer, SlicePainter, parse_slices
-from splatgl.options import reject_unknown
+from splatgl.options import LIMITED, reject_unknown
 from splatgl.planning.bricks import Bricks
 from splatgl.planning.culling import OpaqueBounds, clip_behind_eye
 from splatgl.planning.plan import Plan, ResolvedLayer, plan_layer, unused_settings
@@ -42,7 +42,15 @@ from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
-from splatgl.transfer.presets import SOLID, SURFACE, default_transfer, is_preset, preset, slice_colors
+from splatgl.transfer.presets import (
+    SOLID,
+    SURFACE,
+    default_transfer,
+    is_preset,
+    preset,
+    projection_transfer,
+    slice_colors,
+)
 from splatgl.transfer.transfer import Transfer
 from splatgl.transfer.transfer_nodes import SUFFIXES, load_transfer
 
@@ -101,7 +109,9 @@ def channel_transfers(
         if window is None and own is None:
             window = channel.hints.window
         ramp = own or preset("microscopy", channel)
-        if own is None:
+        if own is None and window is None and settings is not None and settings.join == "max":
+            ramp = projection_transfer(ramp, channel)
+        elif own is None:
             ramp = replace(ramp, points=tuple((value, opacity * full / SURFACE) for value, opacity in ramp.points))
         if window is not None:
             ramp = Transfer(((window[0], 0.0), (window[1], full)), unit=ramp.unit)
@@ -419,8 +429,8 @@ class ResolvedScene:
 
 @dataclass(frozen=True, eq=False)
 class ScenePlan:
-    """Plans of the layers of a picture. resolved: without the choices for OpenGL, for the float64 reference. told:
-    notes on the meshes. is_moving: whether its motion is known. seconds: that planning, and extraction, took.
+    """Plans of the layers of a picture. resolved: without the choices for OpenGL, for the float64 reference.
+    scene_notes: on the meshes. is_moving: whether its motion is known. seconds: that planning, and extraction, took.
     """
 
     layers: tuple[Plan, ...]
@@ -431,9 +441,10 @@ class ScenePlan:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on the meshes, and on settings without effect."""
-        scene = self.resolved
-        return (*self.scene_notes, *unused_settings(self.layers, scene.settings, bool(scene.meshes), self.is_moving))
+        """Notes on the meshes, on what limits change, and on settings without effect."""
+        limited = dict.fromkeys(note for plan in self.layers for note in plan.notes if note.endswith(LIMITED))
+        unused = unused_settings(self.layers, self.resolved.settings, bool(self.resolved.meshes), self.is_moving)
+        return (*self.scene_notes, *limited, *unused)
 
     @property
     def notes_in_motion(self) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, format_bytes, parse_bytes
 from splatgl.opengl import OpenGL
-from splatgl.options import HelpGroup, ValueKind, check_options, declared, no_effect, option
+from splatgl.options import LIMITED, HelpGroup, ValueKind, check_options, declared, no_effect, option
 from splatgl.scene.open_scene import PATIENCE, OpenScene, channel_layers, print_lines, provenance_of
 from splatgl.scene.slice_sheet import draw_slices
 from splatgl.splat.settings import Settings
@@ -206,7 +206,7 @@ UNSUPPORTED = {
 @dataclass(frozen=True, eq=False)
 class SubjectView:
     """Splats or layers without a file, with the camera and settings of their picture. info: further provenance. notes:
-    beside those of the renderer, of which only notes on `typed` options stay, None: all.
+    beside those of the renderer, of which only notes on limits and on `typed` options stay, None: all.
     """
 
     subject: Splats | Scene
@@ -220,7 +220,12 @@ class SubjectView:
         """The picture with its provenance and notes."""
         info = {**image.info, **self.info}
         if self.typed is not None:
-            kept = [note for note in image.notes if {*note.partition(":")[0].split(", ")} & {*self.typed}]
+            typed = {*self.typed}
+            kept = [
+                note
+                for note in image.notes
+                if note.endswith(LIMITED) or typed.intersection(note.partition(":")[0].split(", "))
+            ]
             info["notes"] = (*self.notes, *kept)
         return replace(image, info=info)
 

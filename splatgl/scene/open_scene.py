@@ -229,13 +229,18 @@ class OpenScene:
         """
         from splatgl.planning.bricks import excess_bricks
         from splatgl.planning.culling import OpaqueBounds
+        from splatgl.splat.splats import MOST_KEPT
 
         for layer in () if self.is_single else self.scene.shown:
             look = layer.volume, layer.seen, self.file.settings
             excess = excess_bricks(*look, self.file.view.size, layer.threshold)
             if excess is not None:
-                this, got = f"a layer that fits into {format_bytes(budget())}", format_bytes(excess[1].bytes)
-                raise expected(layer.volume.name or "layer", this, got, "give more --memory, or use a smaller volume")
+                name, need = layer.volume.name or "layer", excess[1]
+                if need.bytes <= budget():
+                    most, fix = f"a layer of at most {MOST_KEPT:,} splats", "begin the window higher, or take a part"
+                    raise expected(name, most, f"about {need.most:,}", fix)
+                this, got = f"a layer that fits into {format_bytes(budget())}", format_bytes(need.bytes)
+                raise expected(name, this, got, "give more --memory, or use a smaller volume")
         is_masked = self.is_single and self.file.look is None and self.volume.masks
         if is_masked and OpaqueBounds(self.volume, self.transfer).nothing:
             fix = "change --points or --mask"

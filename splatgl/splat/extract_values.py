@@ -224,7 +224,9 @@ def post_records(
     if not post.faced:
         slopes = field_slopes(u, kernel, world)
         is_steep = _steep_places(u, slopes, world, post.steepness * spacing)
-    if post.largest and not post.every:
+    # maxima, of which no other picture is made, have no normals
+    is_maximum = post.largest and not post.every
+    if is_maximum:
         keep, beside = around_largest(u, float(post.wanted[0, 0]))
     else:
         keep, beside = select_needed(u, reach, post.wanted, is_steep)
@@ -238,7 +240,7 @@ def post_records(
     if not len(records):
         return records
     around = post.around if post.faced else None
-    values = RecordValues(u, *coefficients(u, kernel, wanted, start), beside, around, slopes)
+    values = RecordValues(u, *coefficients(u, kernel, wanted, start), beside, around, slopes, is_maximum)
     # whole rows of voxels, about RECORDS of which are wanted
     firsts = np.searchsorted(ends, np.arange(0, len(records), RECORDS), side="right") - 1
     breaks = [*dict.fromkeys(firsts.tolist()), len(rows)]
@@ -322,7 +324,7 @@ def derivative_weights(kernel: Kernel) -> np.ndarray:
 
 class RecordValues(NamedTuple):
     """u: record values of the samples. c: coefficients, from place `start` on. near: see `select_needed`. around: see
-    `gradients`. slopes: as of `field_slopes`, if opacity depends on gradients.
+    `gradients`. slopes: as of `field_slopes`, if opacity depends on gradients. is_flat: whether gradients stay 0.
     """
 
     u: np.ndarray
@@ -331,6 +333,7 @@ class RecordValues(NamedTuple):
     near: np.ndarray
     around: Around | None
     slopes: np.ndarray | None
+    is_flat: bool
 
 
 def _fill(
@@ -345,6 +348,8 @@ def _fill(
     outer = np.flatnonzero(~np.take(values.near, _flat(values.near, z, y, x)))
     value[outer] = np.clip(value[outer], *extremes(values.u, x[outer], y[outer], z[outer]))
     filled["value"] = value
+    if values.is_flat:
+        return
     gradient = (world.T @ gradients(values.u, x, y, z, around=values.around).T).T
     filled["gradient"] = gradient if values.slopes is None else with_slopes(gradient, values.slopes[z, y, x])
 

@@ -22,6 +22,7 @@ from splatgl.readers.common import FIELD, is_field
 from splatgl.transfer.colormaps import base_name, labels_of, select_labels
 from splatgl.transfer.label_detection import LABELS, MASK, kind_of
 from splatgl.transfer.statistics import (
+    NOISY,
     ClassThreshold,
     NoiseBackground,
     Statistics,
@@ -91,12 +92,15 @@ def soft(stats: Statistics, rung: int | None) -> PresetCurve:
 
 def glow(stats: Statistics, rung: int | None) -> PresetCurve:
     """A ramp from half the dimmest value above the background, or above its noise, to the BRIGHT percentile."""
-    lowest = float(stats.values[0])
+    ground, lowest = stats.ground or stats.noise, float(stats.values[0])
     low = lowest if stats.sparse else cut_of(stats, rung).ramp(RAMP)[0]
+    if ground is not None:
+        low = ground.cut
     dim, high = np.percentile(stats.values[stats.values > low], [DIM, BRIGHT])
-    low = lowest + (float(dim) - lowest) / 2 if stats.sparse else low
-    low, high = low if stats.ground is None else max(low, stats.ground.cut), max(low, float(high))
-    return PresetCurve(((low, 0.0), *_above_noise(stats.ground, low, high), (high, SURFACE)))
+    if stats.sparse:
+        low = max(lowest + (float(dim) - lowest) / 2, low)
+    high = max(low, float(high))
+    return PresetCurve(((low, 0.0), *_above_noise(ground, low, high), (high, SURFACE)))
 
 
 def _above_noise(ground: NoiseBackground | None, low: float, high: float) -> Nodes:
@@ -169,6 +173,21 @@ def _percentiles(*nodes: tuple[float, float], window: tuple[float, float]) -> Bu
 FIELD_CURVE = _percentiles((50.0, 0.0), (DENSEST, FIELD_OPACITY), window=(0.0, DENSEST))
 
 
+def _maxima(stats: Statistics, rung: int | None) -> PresetCurve:
+    """A ramp from the dimmest values, or from above the noise of the background, to the brightest."""
+    high = stats.percentile(99.95)
+    low = _clear_of_noise(stats, stats.percentile(1.0), high)
+    return PresetCurve(((low, 0.0), (high, SOLID)), (low, high) if low < high else None)
+
+
+def _clear_of_noise(stats: Statistics, low: float, high: float) -> float:
+    """The low end of a window of maxima to `high`: at least a standard deviation above the cut of the noise, of which
+    a ray has many samples.
+    """
+    least = low if stats.noise is None else stats.noise.cut + stats.noise.noise
+    return max(low, least) if least < high else low
+
+
 def _mr(stats: Statistics, rung: int | None) -> PresetCurve:
     """Opacity grows with the value from faint outer layers, so that skin and skull do not hide the inside."""
     low, high = cut_of(stats, rung).ramp(RAMP)
@@ -220,12 +239,7 @@ MEDICAL = (
         _percentiles((75.0, 0.0), (88.0, 0.15), (97.0, 0.5), (99.9, 0.85), window=(0.0, 97.0)),
     ),
     Preset("dti-fa", "anisotropy of diffusion, from 0 to 1", "spectrum", _fraction, shading=False),
-    Preset(
-        *("mip", "the largest value along each ray"),
-        *("gray", _percentiles((1.0, 0.0), (99.95, SOLID), window=(1.0, 99.95))),
-        shading=False,
-        blend="mip",
-    ),
+    Preset("mip", "the largest value along each ray", "gray", _maxima, shading=False, blend="mip"),
 )
 
 
@@ -360,6 +374,7 @@ def projection_transfer(base: Transfer, volume: Volume) -> Transfer:
     if base.shading:
         return preset("mip", volume)
     low, high = base.window or (base.points[0][0], base.points[-1][0])
+    low = low if volume.hints.window else _clear_of_noise(statistics(volume), low, high)
     return over_window(base, low, high)
 
 
@@ -368,8 +383,8 @@ def over_window(base: Transfer, low: float, high: float) -> Transfer:
     return replace(base, points=((low, 0.0), (high, SOLID)), window=(low, high)) if low < high else base
 
 
-# voxels from which noise that is drawn costs more than a moment, and least share of them that it is
-DENSE, NOISY = 1 << 20, 0.25
+# voxels from which noise that is drawn costs more than a moment
+DENSE = 1 << 20
 
 
 def noise_note(volume: Volume, window: Sequence[float]) -> str:

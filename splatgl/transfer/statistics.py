@@ -290,6 +290,9 @@ PLANES, VALUES = 32, 1 << 21
 FEW_PLANES = 5
 # share of samples at exactly the lowest value, or in the noise around one, from which a volume counts as sparse
 SPARSE = 0.95
+# least share of a volume's voxels that are the noise of its background; and least deviation of differences of their
+# neighbours, as a share of that of independent values: tissue of similar values is smoother
+NOISY, INDEPENDENT = 0.25, 0.8
 # sparse volumes with fewer other values than this in the sample are read whole
 FEW = 2000
 # maximum number of voxels of these, and of the level of a multiscale image that is sampled
@@ -330,7 +333,7 @@ class Statistics:
 
     cuts: thresholds, each of which splits the values above the previous one (empty for a constant volume).
     whole: index of the cut between the object and its surroundings. ground: background of a sparse volume, if it is
-    noise; its values are set to its level.
+    noise; its values are set to its level. noise: background of independent values, of any volume.
     """
 
     values: np.ndarray
@@ -338,6 +341,7 @@ class Statistics:
     cuts: tuple[ClassThreshold, ...]
     whole: int
     ground: NoiseBackground | None = None
+    noise: NoiseBackground | None = None
 
     @property
     def sparse(self) -> bool:
@@ -366,14 +370,26 @@ def statistics(volume: Volume) -> Statistics:
     if len(finite) == 0:
         return Statistics(finite, 1.0, (), 0)
     background = _count_up_to(finite, finite[0]) / len(finite)
-    ground = background_of(finite, SPARSE) if background < SPARSE else None
+    noise = background_of(finite, NOISY) if background < SPARSE else None
+    ground = background_of(finite, SPARSE) if noise is not None else None
     if ground is not None:
         finite[: _count_up_to(finite, ground.cut)] = ground.level
         background = _count_up_to(finite, finite[0]) / len(finite)
     if background >= SPARSE and (1.0 - background) * len(finite) < FEW and volume.count <= MOST_WHOLE:
         finite = _foreground(volume, float(finite[0]), ground, far)
     cuts = _ladder(finite)
-    return Statistics(finite, background, cuts, _object_rung(sample, cuts), ground)
+    if noise is not None and not _is_independent(volume, noise):
+        noise = None
+    return Statistics(finite, background, cuts, _object_rung(sample, cuts), ground, noise)
+
+
+def _is_independent(volume: Volume, ground: NoiseBackground) -> bool:
+    """Whether neighbours in the background of a plane, about the middle one, differ as much as independent values."""
+    sampled = _sampled_planes(volume.shape[0], PLANES)
+    plane = np.asarray(volume.samples[int(sampled[len(sampled) // 2])], np.float64)
+    first, second = plane[:, :-1], plane[:, 1:]
+    steps = (second - first)[(first <= ground.cut) & (second <= ground.cut)]
+    return len(steps) > 0 and float(np.mean(steps**2)) >= 2 * (INDEPENDENT * ground.noise) ** 2
 
 
 def spread(volume: Volume) -> float:
@@ -464,11 +480,16 @@ def _sample(volume: Volume, most: int = PLANES) -> np.ndarray:
     columns.
     """
     depth, height, width = volume.shape
-    planes = distinct(np.linspace(0, depth - 1, most).round().astype(int))
+    planes = _sampled_planes(depth, most)
     step = max(1, int(np.ceil(np.sqrt(len(planes) * height * width / VALUES))))
     y, x = (distinct(np.append(np.arange(0, n, step), n - 1)) for n in (height, width))
     kind = volume.samples.dtype.newbyteorder("=")
     return np.stack([np.asarray(volume.samples[int(z)])[np.ix_(y, x)].astype(kind) for z in planes])
+
+
+def _sampled_planes(depth: int, most: int) -> np.ndarray:
+    """Numbers of at most `most` planes from the first to the last."""
+    return distinct(np.linspace(0, depth - 1, most).round().astype(int))
 
 
 def _sort_finite(sample: np.ndarray) -> np.ndarray:

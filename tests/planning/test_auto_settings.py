@@ -182,6 +182,27 @@ def test_maxima_of_many_voxels_are_of_values(
     assert "more than 3,000 values" in renderer.plan(made, camera, mip).explain()
 
 
+@pytest.mark.parametrize("blend", ["composite", "mip", "minip", "mean"])
+def test_pictures_tell_of_limits(monkeypatch: pytest.MonkeyPatch, blend: str) -> None:
+    """Layers of more values than are kept: maxima are of colours of voxels, and a note says so; the rest is refused."""
+    values = np.random.default_rng(1).random((16, 16, 16))
+    transfer = sg.Transfer([(0.1, 0.0), (0.8, 0.6)])
+
+    def drawn() -> sg.Image:
+        layers = [sg.Layer(sg.Volume(part), transfer) for part in (values, values[:8])]
+        return sg.render(sg.Scene(layers), size=32, blend=blend)
+
+    assert not any("limit" in note for note in drawn().notes)
+    for module in (extract, resolve):
+        monkeypatch.setattr(module, "MOST_KEPT", 3000)
+    if blend == "mip":
+        told = "classification after reconstruction left out: more than 3,000 values (a limit, changes the picture)"
+        assert drawn().notes.count(told) == 1
+    else:
+        with pytest.raises(sg.InputError, match="3,000 splats"):
+            drawn()
+
+
 def test_explain_says_why_not(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera) -> None:
     told = renderer.plan(splats, camera, sg.Settings(order="back-to-front")).explain()
     for part in ("classification after reconstruction", "sheets"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.volume import Volume
-from splatgl.transfer.presets import default_transfer
+from splatgl.planning.scene import channel_transfers
+from splatgl.transfer.presets import default_transfer, projection_transfer
 from splatgl.transfer.statistics import background_of, mean_deviation, sampled_steps, statistics
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -97,6 +99,23 @@ def test_all_of_few_is_found() -> None:
     assert stats.ground is not None and stats.ground.level == pytest.approx(100, abs=0.5)
     assert stats.ground.noise == pytest.approx(5, rel=0.1)
     assert (stats.values > 150).sum() == 100
+
+
+@pytest.mark.parametrize(("smooth", "begins"), [(False, 115.0), (True, 0.0)])
+def test_maxima_begin_above_noise(smooth: bool, begins: float) -> None:
+    """Where objects fill a tenth of the volume, too. Tissue, of which neighbours are alike, is no noise."""
+    noise, place = np.random.default_rng(7).normal(size=(32, 64, 64)), np.indices((32, 64, 64))
+    if smooth:
+        noise = sum(np.roll(noise, shift, axis) for shift in range(4) for axis in (1, 2))
+        noise = (noise - noise.mean()) / noise.std()
+    ball = 600 * np.exp(-(((place - 20) / 8.0) ** 2).sum(axis=0))
+    volume, mip = Volume((100 + 6 * noise + ball).astype(np.float32)), sg.Settings(blend="mip")
+    (low, _), *_, (high, _) = projection_transfer(default_transfer(volume), volume).points
+    assert high > 400 and (begins <= low < 135 if begins else low < 95)
+    if begins:
+        both = replace(volume, channels=(volume, replace(volume, hints=replace(volume.hints, window=(90, 500)))))
+        first, stated = channel_transfers(both, {}, {}, settings=mip)
+        assert first.points[0] == (low, 0.0) and stated.points[0] == (90, 0.0)
 
 
 NOTHING: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
