@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.comparison.metrics import Comparison, bounding_box, connected_groups
+from splatgl.comparison.metrics import Comparison, connected_groups
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
+from splatgl.data.image import bounding_box
 
 # pixels examined along the longer side: more pixels do not change the classification
 EXAMINED = 512

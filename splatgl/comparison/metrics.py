@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from splatgl.coercion import public
 from splatgl.comparison.pictures import as_image, check_finite, match_images
 from splatgl.data.color import srgb_from_linear
-from splatgl.data.image import Image
+from splatgl.data.image import Image, bounding_box
 from splatgl.errors import expected, import_extra
 
 # Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004, Eq. 13: K1 and K2;
@@ -513,9 +513,3 @@ def _differences(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         squares += float(np.einsum("ij,ij->", exact, exact))
         over_channels(d, worst[band])
     return worst, columns.reshape(-1, 4).sum(axis=0), squares, weight
-
-
-def bounding_box(over: np.ndarray) -> tuple[int, int, int, int]:
-    """left, top, right and bottom of the pixels, bool [H, W], of which there is one; the last two exclusive."""
-    rows, columns = np.flatnonzero(over.any(axis=1)), np.flatnonzero(over.any(axis=0))
-    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1

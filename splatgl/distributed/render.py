@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.coercion import public
-from splatgl.comparison.metrics import bounding_box
-from splatgl.data.image import Image
+from splatgl.data.image import Image, bounding_box
 from splatgl.data.volume import Volume
 from splatgl.distributed.workers import Drawing, addresses, call, keep_latest, outcome, renderer, spread
 from splatgl.errors import InputError, expected
