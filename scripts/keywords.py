@@ -5,6 +5,7 @@ python scripts/keywords.py
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
@@ -19,6 +20,8 @@ from splatgl.readers.options import LoadOptions
 from splatgl.scene.api import GROUPS, KEYWORDS
 from splatgl.splat.settings import Settings
 
+# names of views in a line
+VIEWS = 7
 TARGET = Path(__file__).parents[1] / "splatgl" / "keywords.pyi"
 HEAD = '''"""Keywords of public functions for type checkers and editors.
 
@@ -82,7 +85,11 @@ def compose() -> str:
     lines += write_class("ExportKeywords", about, {**one, **keywords_of(ExportOptions)}, "PictureKeywords")
     command = [sys.executable, "-m", "ruff", "format", "--stdin-filename", str(TARGET), "-"]
     views = KEYWORDS["view"].annotation.partition(" |")[0]
-    text = f"{HEAD}ViewName: TypeAlias = {views}\n" + "\n".join(lines).replace(views, "ViewName") + "\n"
+    names = re.findall("'[^']+'", views)
+    # a line each
+    parts = (", ".join(names[n : n + VIEWS]) for n in range(0, len(names), VIEWS))
+    union = " | ".join(f"Literal[{part}]" for part in parts)
+    text = f"{HEAD}ViewName: TypeAlias = {union}\n" + "\n".join(lines).replace(views, "ViewName") + "\n"
     return subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout
 
 

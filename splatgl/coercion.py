@@ -30,13 +30,7 @@ class ArgumentType(NamedTuple):
 
 def _plain(this: str, *types: type) -> ArgumentType:
     """Values of some types, as they are."""
-
-    def take(value: Any, _: Mapping[str, Any]) -> Any:
-        if not isinstance(value, types):
-            raise TypeError
-        return value
-
-    return ArgumentType(this, take)
+    return _fitting(this, lambda value: isinstance(value, types))
 
 
 def _fitting(this: str, fits: Callable[[Any], bool]) -> ArgumentType:

@@ -12,28 +12,11 @@ import numpy as np
 from splatgl.options import OptionGroup
 
 Numbers: TypeAlias = Sequence[float] | np.ndarray
-ViewName: TypeAlias = Literal[
-    "anterior",
-    "posterior",
-    "left",
-    "right",
-    "superior",
-    "inferior",
-    "isometric",
-    "front",
-    "back",
-    "top",
-    "bottom",
-    "xy",
-    "xz",
-    "yz",
-    "+x",
-    "+y",
-    "+z",
-    "-x",
-    "-y",
-    "-z",
-]
+ViewName: TypeAlias = (
+    Literal["anterior", "posterior", "left", "right", "superior", "inferior", "isometric"]
+    | Literal["front", "back", "top", "bottom", "xy", "xz", "yz"]
+    | Literal["+x", "+y", "+z", "-x", "-y", "-z"]
+)
 
 class PictureSettingsKeywords(TypedDict, total=False):
     """Fields of `Settings` that are options of all pictures, too."""

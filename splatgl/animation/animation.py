@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ from splatgl.animation.camera_track import CameraTrack, TurntableTrack, keyframe
 from splatgl.animation.movie import finish_behind, open_series, read_ahead
 from splatgl.annotations.annotate import annotated, check_time, on_ground
 from splatgl.annotations.canvas import AnnotatedSubject
-from splatgl.data.image import Image
+from splatgl.data.image import KEYWORD, Image, provenance
 from splatgl.distributed.workers import Drawing, keep_latest, renderer, spread
 from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name
@@ -579,16 +578,15 @@ def _check_template(text: str) -> None:
         raise expected(text, "a name with {frame} in it", "another", fix)
 
 
-def _mark(path: Path) -> str | None:
+def _mark(path: Path) -> object:
     """The mark in a PNG's text; None if there is none."""
     from PIL import Image as Pillow
 
     try:
         with Pillow.open(path) as picture:
-            about = json.loads(getattr(picture, "text", {}).get("splatgl", "{}"))
+            return provenance(getattr(picture, "text", {}).get(KEYWORD, "")).get("animation")
     except (OSError, ValueError, SyntaxError):
         return None
-    return about.get("animation") if isinstance(about, dict) else None
 
 
 def _frame(job: FrameJob, drawing: Drawing, frames: FrameFiles, view: FrameView) -> tuple[int, bytes, list[str]]:

@@ -15,10 +15,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from splatgl.data.color import Color
+from splatgl.data.color import Color, srgb_from_linear
+from splatgl.data.image import Image, load_png
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
-from splatgl.errors import USER_ERRORS, expected, missing_extra
+from splatgl.errors import USER_ERRORS, expected, import_extra
 from splatgl.fileio import atomic_write
 from splatgl.readers.remote import is_address
 from splatgl.scene.open_scene import OpenScene, look_notes, print_lines, print_notes, series_look
@@ -87,9 +88,6 @@ def write_behind(
 
 def _frames(pictures: Iterable[Path], over: Color) -> Iterator[np.ndarray]:
     """Yields frames, uint8 [H, W, 3], sRGB."""
-    from splatgl.data.color import srgb_from_linear
-    from splatgl.data.image import Image, load_png
-
     for picture in pictures:
         samples, _ = load_png(picture)
         if samples.dtype == np.uint8 and samples[..., 3].min() == 255:
@@ -117,7 +115,6 @@ def _write_video(part: Path, suffix: str, frames: Iterable[np.ndarray], fps: flo
 
 
 def _write_gif(part: Path, frames: Iterable[np.ndarray], durations: Sequence[int]) -> None:
-    """Writes a GIF with an optimal palette of 256 colours per frame."""
     from PIL import Image as Pillow
 
     shown = (Pillow.fromarray(frame).quantize(256, method=Pillow.Quantize.MEDIANCUT) for frame in frames)
@@ -139,11 +136,7 @@ def gif_times(count: int, fps: float) -> tuple[list[int], list[int]]:
 
 
 def _library() -> Any:
-    try:
-        import av
-    except ImportError as error:
-        raise missing_extra("movies", "av", "video") from error
-    return av
+    return import_extra("av", "movies", "av", "video")
 
 
 T = TypeVar("T")

@@ -102,7 +102,6 @@ def draw_behind(layer: Canvas, view: AnnotationView, names: Sequence[str]) -> No
 
 
 def _rows(names: Sequence[str]) -> list[Annotation]:
-    """The rows of the requested annotations, by rank."""
     return [row for row in ANNOTATIONS.values() if text_of(names, row.name) is not None]
 
 
@@ -165,7 +164,6 @@ def text_of(annotate: Sequence[str], name: str) -> str | None:
 
 
 def _draw_time(layer: Canvas, view: AnnotationView) -> None:
-    """Draws the time in a corner."""
     (width, height), pad, (wide, tall) = layer.size, layer.pad, layer.text_size(view.text)
     if view.text:
         lefts, tops = (pad, width - pad - wide), (pad, height - pad - tall)
@@ -185,14 +183,10 @@ ROWS = (
 )
 
 
-def _discover() -> dict[str, Annotation]:
-    """The ROWS of all modules of this package by name, by rank."""
-    modules = [import_module(f"{package.__name__}.{info.name}") for info in iter_modules(package.__path__)]
-    rows: list[Annotation] = [row for module in modules for row in getattr(module, "ROWS", ())]
-    return {row.name: row for row in sorted(rows, key=lambda row: row.rank)}
-
-
-ANNOTATIONS = _discover()
+_MODULES = [import_module(f"{package.__name__}.{info.name}") for info in iter_modules(package.__path__)]
+_ALL: list[Annotation] = [row for module in _MODULES for row in getattr(module, "ROWS", ())]
+# the ROWS of all modules of this package by name, by rank
+ANNOTATIONS = {row.name: row for row in sorted(_ALL, key=lambda row: row.rank)}
 # sizes of the volume's box that a view with a box is fitted to: its numbers lie around it
 ROOM = ANNOTATIONS["box"].room
 
@@ -235,7 +229,6 @@ class LiveOverlay:
         return self.pixels
 
     def _cleared(self, size: tuple[int, int], ground: Color) -> Canvas:
-        """Empty canvas of that size."""
         ink = ink_on(np.asarray(ground))
         if self.layer is None or self.layer.size != size:
             self.layer = Canvas(np.zeros((size[1], size[0], 4), np.float32), ink)
@@ -253,7 +246,6 @@ class LiveOverlay:
 
 
 def _encode(linear: np.ndarray, coded: np.ndarray, part: Touched) -> None:
-    """Converts a changed part to sRGB."""
     if isinstance(part, np.ndarray):
         coded.reshape(-1, 4)[part] = _srgb(linear.reshape(-1, 4)[part])
         return

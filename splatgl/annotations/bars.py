@@ -29,13 +29,6 @@ PERSPECTIVE = "at the centre's depth"
 UNSTATED = "units"
 
 
-class BarScale(NamedTuple):
-    """pixels: the bar's length; label: the world length."""
-
-    pixels: float
-    label: str
-
-
 class ScaleBar(NamedTuple):
     """The stated parts of a scale bar. length: with a unit, or of the world without; None: a round one. corner: one of
     CORNERS. thickness: pixels. color: linear RGB.
@@ -84,15 +77,17 @@ CORNERS = ("bottom-right", "bottom-left", "top-right", "top-left", "bottom")
 ABOUT_PARTS = "LENGTH:CORNER:THICKNESS:COLOUR, such as 20um:bottom-left:4px:white; corners: " + ", ".join(CORNERS)
 
 
-def scale_of(subject: AnnotatedSubject, camera: Camera, stated: ScaleBar | None = None) -> BarScale | None:
-    """Scale bar of a view; None if the volume's centre is behind a perspective eye, or across axes of several units."""
+def scale_of(subject: AnnotatedSubject, camera: Camera, stated: ScaleBar | None = None) -> tuple[float, str] | None:
+    """The length of a view's scale bar in pixels, and its label; None if the volume's centre is behind a perspective
+    eye, or across axes of several units.
+    """
     depth = float(camera.eye_from_points(subject.center)[2])
     lengths = subject.lengths(camera.eye_from_world[0])
     if (camera.perspective and not depth > 0) or lengths is None:
         return None
     pitch = float(camera.pixel_pitch(depth)) * lengths[0]
     length = (stated and stated.length_in(lengths[1])) or nice_below(WIDEST * camera.size[0] * pitch)
-    return BarScale(length / pitch, length_text(length, lengths[1] or UNSTATED))
+    return length / pitch, length_text(length, lengths[1] or UNSTATED)
 
 
 def length_text(length: float, unit: str) -> str:
@@ -135,10 +130,11 @@ def draw_scale_bar(layer: Canvas, view: AnnotationView) -> None:
         return
     # a window states it in a tooltip
     is_stated = view.camera.perspective and view.pixels is not None
-    labels = [PERSPECTIVE, scale.label] if is_stated else [scale.label]
+    (pixels, label), labels = scale, [PERSPECTIVE] * is_stated
+    labels.append(label)
     sizes = [layer.text_size(label) for label in labels]
     thick, (width, height) = stated.thickness or max(2, round(layer.em / 5)), layer.size
-    wide = max(scale.pixels + 2 * layer.edge, *(size[0] for size in sizes))
+    wide = max(pixels + 2 * layer.edge, *(size[0] for size in sizes))
     tall = sum(size[1] for size in sizes) + thick + 2 * layer.edge
     wide, bottom = int(np.ceil(wide)) + 1, height - layer.pad
     ends = [width - layer.pad, (width + wide) // 2, layer.pad + wide]
@@ -152,10 +148,10 @@ def draw_scale_bar(layer: Canvas, view: AnnotationView) -> None:
     end = right - layer.edge
     for label, size in zip(reversed(labels), reversed(sizes), strict=True):
         # the label is centred over the bar, or ends with it if it is wider
-        center = end - scale.pixels / 2 - size[0] / 2
+        center = end - pixels / 2 - size[0] / 2
         layer.text(label, min(round(center), right - size[0]), top, stated.color)
         top += size[1]
-    layer.bar(end - scale.pixels, end, top + layer.edge, top + layer.edge + thick, stated.color)
+    layer.bar(end - pixels, end, top + layer.edge, top + layer.edge + thick, stated.color)
 
 
 ABOUT_SCALE = "A length at the depth of the volume's middle, at the lower right."
@@ -366,7 +362,8 @@ def _draw_bar(bar: ColorBar, em: int, ink: Color, has_opacity: bool = False) -> 
     right = max(sizes.text_size(label)[0], sizes.text_size(below)[0], beside + wide + curve + 2 * edge)
     top, left = line + em // 2, right - beside - wide
     layer = Canvas(np.zeros((top + rows + em // 2 + line, right, 4), np.float32), ink, font=em, marks=[])
-    layer.lines([_frame(left, top, wide, rows)])
+    a, b, c, d = left - 0.5, top - 0.5, left + wide + 0.5, top + rows + 0.5
+    layer.lines([[(a, b), (c, b), (c, d), (a, d), (a, b)]])
     layer.clear(Rect(left, top, left + wide, top + rows))
     shape = (rows, wide)
     cover = np.broadcast_to(bar.colors[:, None, 3].astype(np.float32), shape)
@@ -389,9 +386,3 @@ def shorten_label(label: str, most: int = MOST_LETTERS) -> str:
     _, comma, unit = label.rpartition(", ")
     end = f"...{comma}{unit}" if comma and len(unit) < most // 2 - 5 + 1 else "..."
     return label if len(label) <= most else label[: most - len(end)] + end
-
-
-def _frame(left: int, top: int, wide: int, tall: int) -> list[tuple[float, float]]:
-    """Closed path around the bar."""
-    a, b, c, d = left - 0.5, top - 0.5, left + wide + 0.5, top + tall + 0.5
-    return [(a, b), (c, b), (c, d), (a, d), (a, b)]

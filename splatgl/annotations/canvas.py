@@ -14,7 +14,7 @@ from splatgl.annotations.text import MICRO, load_font, plain, write_line
 from splatgl.data.affine import METRES, unit_name
 from splatgl.data.color import Color
 from splatgl.data.figure import HALO_ALPHA, AreaMark, Halo, LinesMark, Mark, PatchMark, TextMark, move_mark
-from splatgl.data.mesh import Mesh
+from splatgl.data.mesh import Mesh, unroll_ranges
 from splatgl.data.volume import AxisCoordinate, Triple, Volume
 from splatgl.errors import error_prefix, expected
 from splatgl.geometry.camera import Camera
@@ -54,10 +54,6 @@ class Rect:
         """Whether both share a pixel."""
         across = self.left < other.right and other.left < self.right
         return across and self.top < other.bottom and other.top < self.bottom
-
-    def moved(self, x: int, y: int) -> Rect:
-        """The rectangle, that many pixels farther right and down."""
-        return Rect(self.left + x, self.top + y, self.right + x, self.bottom + y)
 
 
 # changed pixels: a rectangle, a rectangle with the only patch on it, or indices of pixels
@@ -330,9 +326,7 @@ def pixels_near(segments: np.ndarray, reach: float, size: tuple[int, int], scrat
     steep = np.abs(along[:, 1]) > np.abs(along[:, 0])
     ends = np.sort(np.where(steep[:, None], inside[:, [1, 3]], inside[:, [0, 2]]), axis=1)
     first = np.floor(ends[:, 0] - reach).astype(np.intp)
-    steps = np.floor(ends[:, 1] + reach).astype(np.intp) - first + 1
-    owner = np.repeat(np.arange(len(inside)), steps)
-    major = np.arange(len(owner)) - np.repeat(np.cumsum(steps) - steps - first, steps)
+    owner, major = unroll_ranges(first, np.floor(ends[:, 1] + reach).astype(np.intp) + 1)
     # swap the axes of steep segments, so that all steps run along the first; lines continue past their ends
     swap = np.where(steep[:, None], np.array([1, 0]), np.array([0, 1]))
     run, rise = (np.take_along_axis(unit, swap[:, n : n + 1], 1)[:, 0] for n in (0, 1))
@@ -382,8 +376,8 @@ def split_into_dashes(segments: np.ndarray, dash: float, gap: float) -> np.ndarr
     """Dashes [D, 4] of segments [S, 4], from their first points on; the last dash may be shorter."""
     length = np.hypot(*(segments[:, 2:] - segments[:, :2]).T)
     count = np.ceil(length / (dash + gap)).astype(np.intp)
-    owner = np.repeat(np.arange(len(segments)), count)
-    from_ = (np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)) * (dash + gap)
+    owner, number = unroll_ranges(np.zeros_like(count), count)
+    from_ = number * (dash + gap)
     to = np.minimum(from_ + dash, length[owner])
     start = segments[owner, :2]
     unit = (segments[owner, 2:] - start) / np.where(length > 0, length, 1.0)[owner, None]

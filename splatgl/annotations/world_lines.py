@@ -323,7 +323,7 @@ def _inwards(layer: Canvas, rect: Rect, step: tuple[int, int]) -> Rect:
     for other in [place for place in layer.taken if place.meets(rect)]:
         x = step[0] * ((other.right - rect.left if step[0] > 0 else rect.right - other.left) + layer.pad)
         y = step[1] * ((other.bottom - rect.top if step[1] > 0 else rect.bottom - other.top) + layer.pad)
-        rect = rect.moved(x, y)
+        rect = Rect(rect.left + x, rect.top + y, rect.right + x, rect.bottom + y)
     return rect
 
 

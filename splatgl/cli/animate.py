@@ -7,13 +7,7 @@ import argparse
 from splatgl.animation.animation import Animation, Timeline
 from splatgl.animation.api import FPS, SHORTEST, check_fps, timeline_of, with_blur, write_animation
 from splatgl.animation.movie import expanded, volumes
-from splatgl.cli.options import (
-    add_drawing,
-    add_source,
-    record_of,
-    require_sources,
-    scene_from,
-)
+from splatgl.cli.options import add_drawing, add_source, record_of, require_sources, scene_from
 from splatgl.cli.parser import JoinList, add_options, group_of
 from splatgl.options import HelpGroup
 from splatgl.scene.draw import DrawOptions, WorkerOptions

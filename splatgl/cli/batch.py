@@ -92,7 +92,10 @@ def run_batch(
     """
     jobs = [BatchJob(each, _scene(scene_of, each.source)) for each in outputs_of(sources, output)]
     if output.same:
-        jobs = _with_shared_look(jobs, output.is_quiet)
+        files = [job.file for job in jobs if not isinstance(job.file, str)]
+        look = series_look(files)
+        print_lines(look_notes(look, files), output.is_quiet)
+        jobs = [job if isinstance(job.file, str) else replace(job, file=replace(job.file, look=look)) for job in jobs]
     failed, written = 0, list[Path]()
     for job, drawn in _on_workers(jobs, how, by) if by.are_used else _here(jobs, how):
         if isinstance(drawn, BatchPicture):
@@ -165,19 +168,10 @@ def outputs_of(named: Sequence[str], output: OutputOptions) -> list[OutputOption
 
 
 def _scene(scene_of: Callable[[str], SceneFile], source: str) -> SceneFile | str:
-    """The scene of a source, or its error."""
     try:
         return scene_of(source)
     except USER_ERRORS as error:
         return error_text(error)
-
-
-def _with_shared_look(jobs: Sequence[BatchJob], is_quiet: bool) -> list[BatchJob]:
-    """The jobs in the look that they share; prints a note on it."""
-    files = [job.file for job in jobs if not isinstance(job.file, str)]
-    look = series_look(files)
-    print_lines(look_notes(look, files), is_quiet)
-    return [job if isinstance(job.file, str) else replace(job, file=replace(job.file, look=look)) for job in jobs]
 
 
 def _output(template: str, source: str, number: int) -> str:
@@ -190,7 +184,6 @@ def _output(template: str, source: str, number: int) -> str:
 
 
 def _tell_error(output: OutputOptions, message: str) -> None:
-    """Prints the error of one picture."""
     line, source = one_line(message), output.source
     if output.json:
         print(json.dumps({"source": source, "output": output.output, "error": line}, ensure_ascii=False), flush=True)
@@ -240,7 +233,6 @@ def _on_workers(jobs: Sequence[BatchJob], how: DrawOptions, by: WorkerOptions) -
 
 
 def _draw_on_worker(job: BatchJob, how: DrawOptions, drawing: Drawing) -> BatchPicture | str:
-    """Draws a job on a worker, with its renderer."""
     from splatgl.distributed.workers import renderer
 
     return draw_job(job, replace(how, held=renderer(drawing)))

@@ -63,8 +63,11 @@ def run(args: argparse.Namespace) -> int:
     outcomes = list(progress)
     # print the verdict first, in case a file cannot be written
     print(_json(outcomes) if args.json else _text(outcomes, args), end="", flush=True)
-    if args.diff and outcomes[0].pair:
-        write_file(Path(args.diff), _diff(outcomes[0].pair))
+    if args.diff and (pair := outcomes[0].pair):
+        from splatgl.comparison import reports
+
+        difference = reports.largest_difference(pair.actual, pair.right, pair.mask)
+        write_file(Path(args.diff), encode_png(reports.heat_map(difference), reports.COMPRESSION))
     if args.report or args.summary or args.junit:
         _write_reports(args, outcomes, criteria, f"{actual} against {right}")
     return max(outcome.code for outcome in outcomes)
@@ -90,13 +93,6 @@ def _criteria(args: argparse.Namespace) -> Criteria:
     if "flip" in criteria.extra | criteria.tolerance.extra:
         require_flip()
     return criteria
-
-
-def _diff(pair: Pair) -> bytes:
-    from splatgl.comparison import reports
-
-    difference = reports.largest_difference(pair.actual, pair.right, pair.mask)
-    return encode_png(reports.heat_map(difference), reports.COMPRESSION)
 
 
 def _write_reports(args: argparse.Namespace, outcomes: Sequence[PairResult], criteria: Criteria, title: str) -> None:

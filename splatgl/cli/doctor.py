@@ -54,7 +54,6 @@ def report(opengl: OpenGL, file: str | None = None) -> tuple[str, bool]:
 
 
 def _versions(packages: Sequence[str]) -> list[str]:
-    """Versions of Python and the packages, one per line."""
     width = max(map(len, packages))
     lines = [f"  {'Python':{width}} {platform.python_version()} on {platform.platform()}"]
     return lines + [f"  {name:{width}} {_version(name) or 'not installed'}" for name in packages]

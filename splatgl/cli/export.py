@@ -26,7 +26,7 @@ from splatgl.cli.parser import add_option, add_options
 from splatgl.data.arrays import ArrayWindow
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Places, Volume, triple, with_parts
-from splatgl.errors import expected, import_extra, missing_extra
+from splatgl.errors import expected, import_extra
 from splatgl.exporters.api import ExportOptions
 from splatgl.exporters.api import write as write_scene
 from splatgl.fileio import atomic_folder, check_folder, check_output, check_source
@@ -223,10 +223,7 @@ def run_pyramid(args: argparse.Namespace) -> int:
 
 def _check(output: Path) -> None:
     """Raises InputError, before any work, if the store cannot be written."""
-    try:
-        import zarr  # noqa: F401
-    except ImportError:
-        raise missing_extra("pyramids", "zarr", "readers") from None
+    import_extra("zarr", "pyramids", "zarr", "readers")
     if output.suffix != ".zarr":
         raise expected(output, "a name that ends in .zarr", repr(output.suffix))
     if output.exists():

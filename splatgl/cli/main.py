@@ -240,7 +240,6 @@ def _reject_unknown(command: argparse.ArgumentParser, words: Sequence[str]) -> N
 
 
 def _reject_rest(command: argparse.ArgumentParser, rest: list[str]) -> NoReturn:
-    """Exits with the surplus operands."""
     name = command.prog.split()[-1]
     series = "; splatgl render draws several, splatgl animate a series" if name == "view" else ""
     operands = COMMANDS[name].operands
@@ -274,7 +273,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         if name in arguments[:1]:
             find_function(row.place, "splatgl.cli")(command)
             if command.is_long:
-                command.add_argument("--help-all", action=HelpAll, help=argparse.SUPPRESS)
+                command.add_argument("--help-all", action=HelpAll, nargs=0, help=argparse.SUPPRESS)
     return parser
 
 

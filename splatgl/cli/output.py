@@ -143,7 +143,6 @@ def slice_summary(output: Path, image: Image, scene: OpenScene) -> str:
 
 
 def _drawn(image: Image) -> str:
-    """Text on the number of splats and triangles."""
     splats, triangles = (int(str(image.info.get(name, 0))) for name in ("splats", "triangles"))
     text = [f"{splats:,} splats"] if splats or not triangles else []
     return " and ".join([*text, *([f"{triangles:,} triangles"] if triangles else [])])
@@ -168,17 +167,12 @@ def _behind(image: Image, output: Path) -> str:
     return " on black, as JPEG has no alpha" if output.suffix.lower() in JPEG else ", transparent around"
 
 
-def length_name(transfer: Transfer, volume: Volume) -> str:
-    """Text on the length that opacities refer to."""
-    why = ", the mean spacing" if transfer.unit is None else ", by the extent" * (transfer.unit == EXTENT)
-    return f"{transfer.length(volume):.4g}{' ' * bool(volume.unit)}{volume.unit}{why}"
-
-
 def _transfer(scene: SceneFile, volume: Volume, transfer: Transfer) -> str:
     """Text on opacities, colours, their range, and the threshold."""
     if volume.points is not None:
         return f"opacity {transfer.opacity(np.array([1.0]))[0]:g} of a surface of points, in their colours"
-    per = f" per {length_name(transfer, volume)}"
+    why = ", the mean spacing" if transfer.unit is None else ", by the extent" * (transfer.unit == EXTENT)
+    per = f" per {transfer.length(volume):.4g}{' ' * bool(volume.unit)}{volume.unit}{why}"
     if len(volume.channels) > 1:
         return f"channels {', '.join(channel.name for channel in volume.channels)}; opacities{per}"
     if transfer.labels:

@@ -131,9 +131,6 @@ class Formatter(argparse.RawDescriptionHelpFormatter):
 class HelpAll(argparse.Action):
     """Prints help on all options, and exits."""
 
-    def __init__(self, **named: Any) -> None:
-        super().__init__(**{**named, "nargs": 0})
-
     def __call__(self, parser: Any, *_: Any) -> None:
         """Prints help on all options, and exits."""
         print(parser.format_help(everything=True), end="")

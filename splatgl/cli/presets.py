@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 from splatgl.cli.options import add_backend, add_source, add_view, record_of, scene_from
 from splatgl.data.volume import Volume, subsample
 from splatgl.errors import expected
-from splatgl.fileio import check_output, check_source
+from splatgl.fileio import check_output, check_source, write_file
 from splatgl.scene.open_scene import OpenScene, print_notes, with_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
@@ -68,8 +67,8 @@ def run(args: argparse.Namespace) -> int:
     scene = replace(scene, view=replace(scene.view, size=args.size or (SIDE, SIDE)))
     whole = scene.open()
     scene, volume = scene.cut(whole), subsampled(whole)
-    looks = {DEFAULT: (default_transfer(volume), scene.settings), **dict(looks_of(volume, scene.settings))}
-    from splatgl.fileio import write_file
+    looks = {DEFAULT: (default_transfer(volume), scene.settings)}
+    looks |= {name: (preset(name, volume), with_preset_blend(scene.settings, name)) for name in PRESETS}
     from splatgl.scene.draw import DrawOptions, progress_bar
 
     print_notes(whole, is_alone=True)
@@ -94,12 +93,6 @@ def as_json(volume: Volume | None = None) -> str:
             record |= {"points": transfer.points, "window": transfer.window, "colormap": transfer.colormap}
         records.append(record)
     return json.dumps(records, allow_nan=False, ensure_ascii=False)
-
-
-def looks_of(volume: Volume, settings: Settings) -> Iterator[tuple[str, tuple[Transfer, Settings]]]:
-    """(name, (transfer function, settings)) of each preset for a volume."""
-    for name in PRESETS:
-        yield name, (preset(name, volume), with_preset_blend(settings, name))
 
 
 def subsampled(volume: Volume) -> Volume:

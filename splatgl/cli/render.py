@@ -13,13 +13,7 @@ import numpy as np
 
 from splatgl import __version__
 from splatgl.animation.movie import is_pattern
-from splatgl.cli.options import (
-    ON_PAPER,
-    add_drawing,
-    add_source,
-    record_of,
-    scene_from,
-)
+from splatgl.cli.options import ON_PAPER, add_drawing, add_source, record_of, scene_from
 from splatgl.cli.output import OutputOptions
 from splatgl.cli.parser import add_options, group_of
 from splatgl.data.color import AUTO

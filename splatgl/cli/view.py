@@ -24,7 +24,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl view`."""
     add_source(parser, optional=True)
     group = parser.add_argument_group("window")
-    group.add_argument("--list-bindings", action=ListBindings, help="print the keys and their actions")
+    group.add_argument("--list-bindings", action=ListBindings, nargs=0, help="print the keys and their actions")
     group.add_argument("--bindings", metavar="FILE.toml", help="other keys: table [bindings] of action = keys")
     group.add_argument("--watch", action="store_true", help="read the file or scene.toml again when it changes")
     group.add_argument("--folder", default=".", metavar="DIR", help="folder of saved pictures and scenes (default .)")
@@ -45,9 +45,6 @@ def _ground(text: str) -> str:
 
 class ListBindings(argparse.Action):
     """Prints the bindings, including those of a preceding --bindings, and exits."""
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**{**options, "nargs": 0})
 
     def __call__(self, parser: Any, namespace: argparse.Namespace, *_: Any) -> None:
         """Prints the bindings and exits."""

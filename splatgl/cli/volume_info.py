@@ -53,14 +53,6 @@ class SampleStatistics:
     not_finite: int
 
 
-@dataclass(frozen=True)
-class Histogram:
-    """Counts [bins] of the samples between edges [bins + 1]; the last bin includes its upper edge."""
-
-    edges: np.ndarray
-    counts: np.ndarray
-
-
 def describe(volume: Volume) -> str:
     """Page on a volume, at most 78 columns wide. Reads the samples twice, in slabs; a coarser level of large images."""
     if volume.points is not None:
@@ -76,7 +68,7 @@ def describe(volume: Volume) -> str:
     ]
     if statistics.finite:
         lines += _drawing_lines(volume)
-        lines += ["", *_bars(histogram(levels[number], statistics))]
+        lines += ["", *_bars(*histogram(levels[number], statistics))]
     return "\n".join(line[:WIDTH].rstrip() for line in [_fit(volume.name) or "volume", *lines])
 
 
@@ -100,7 +92,7 @@ def as_json(source: str, volume: Volume) -> str:
         "range": None if bins is None or statistics is None else [statistics.low, statistics.high],
         "mean": None if bins is None or statistics is None else statistics.mean,
         "not_finite": 0 if statistics is None else statistics.not_finite,
-        "histogram": None if bins is None else {"edges": bins.edges.tolist(), "counts": bins.counts.tolist()},
+        "histogram": None if bins is None else {"edges": bins[0].tolist(), "counts": bins[1].tolist()},
         "channels": [
             {"name": channel.name, "color": channel.hints.color, "window": channel.hints.window}
             for channel in volume.channels
@@ -171,8 +163,10 @@ def measure(volume: Volume) -> SampleStatistics:
     return SampleStatistics(low, high, total / finite, finite, volume.count - finite)
 
 
-def histogram(volume: Volume, statistics: SampleStatistics) -> Histogram:
-    """Counts in at most BINS equal bins, of integer width for integer samples."""
+def histogram(volume: Volume, statistics: SampleStatistics) -> tuple[np.ndarray, np.ndarray]:
+    """Edges [bins + 1] of at most BINS equal bins, of integer width for integer samples, and counts [bins] of samples.
+    The last bin includes its upper edge.
+    """
     low, high = statistics.low, statistics.high
     if volume.samples.dtype.kind in "bui":
         step = max(1, -(-(int(high) - int(low) + 1) // BINS))
@@ -185,7 +179,7 @@ def histogram(volume: Volume, statistics: SampleStatistics) -> Histogram:
     for values in _slabs(volume):
         places = np.searchsorted(edges, values, side="right") - 1
         counts += np.bincount(np.clip(places, 0, len(counts) - 1), minlength=len(counts))
-    return Histogram(edges, counts)
+    return edges, counts
 
 
 def _slabs(volume: Volume) -> Iterator[np.ndarray]:
@@ -325,17 +319,17 @@ def _drawing_lines(volume: Volume) -> list[str]:
     return [*lines, *([_line("", level)] if volume.coarser else [])]
 
 
-def _bars(values: Histogram) -> list[str]:
+def _bars(edges: np.ndarray, counts: np.ndarray) -> list[str]:
     """A bar per bin, with length proportional to the logarithm of its count."""
     # labels of equal width: the bins' lower edges, and the counts
-    labels = [_number(edge) for edge in values.edges[:-1]]
-    counts = [f"{count:,}" for count in values.counts]
-    left, right = max(map(len, labels)), max(map(len, counts))
+    labels = [_number(edge) for edge in edges[:-1]]
+    texts = [f"{count:,}" for count in counts]
+    left, right = max(map(len, labels)), max(map(len, texts))
     room = WIDTH - left - right - 8
     # bars in eighths of a column; a count of one stays visible
-    lengths = np.log1p(values.counts) / np.log1p(max(values.counts.max(), 1)) * room
+    lengths = np.log1p(counts) / np.log1p(max(counts.max(), 1)) * room
     lines = [_line("values", "voxels from this value up to the next; bars on a log scale")]
-    for label, count, length in zip(labels, counts, lengths, strict=True):
+    for label, count, length in zip(labels, texts, lengths, strict=True):
         full, eighth = divmod(round(float(length) * 8), 8)
         bar = "█" * full + (_EIGHTHS[eighth] if eighth else "")
         lines.append(f"  {label:>{left}} │{bar:<{room}} {count:>{right}}")

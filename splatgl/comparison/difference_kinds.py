@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.comparison.metrics import Comparison
+from splatgl.comparison.metrics import Comparison, connected_groups
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
+from splatgl.data.image import bounding_box
 
 # pixels examined along the longer side: more pixels do not change the classification
 EXAMINED = 512
@@ -301,16 +302,9 @@ def _groups(different: np.ndarray) -> Iterator[np.ndarray]:
     height, width = different.shape
     padded = np.pad(different, ((0, -height % SQUARE), (0, -width % SQUARE)))
     squares = padded.reshape(len(padded) // SQUARE, SQUARE, -1, SQUARE).any(axis=(1, 3))
-    left = dict.fromkeys(map(tuple, np.argwhere(squares).tolist()))
-    while left:
-        border, group = [left.popitem()[0]], np.zeros_like(squares)
-        while border:
-            row, column = border.pop()
-            group[row, column] = True
-            near = [(row + i, column + j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (row + i, column + j) in left]
-            for square in near:
-                left.pop(square)
-            border += near
+    for places in connected_groups((row, column) for row, column in np.argwhere(squares).tolist()):
+        group = np.zeros_like(squares)
+        group[tuple(np.transpose(places))] = True
         yield different & group.repeat(SQUARE, 0).repeat(SQUARE, 1)[:height, :width]
 
 
@@ -318,9 +312,8 @@ def _changed_part(
     levels: list[np.ndarray], ink: list[np.ndarray], group: np.ndarray, background: np.ndarray
 ) -> DifferenceKind | None:
     """The change of a group of pixels: its name, and a sentence; None where no ink is, or one of many colours."""
-    rows, columns = (np.flatnonzero(group.any(axis=axis)) for axis in (1, 0))
-    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    size = f"{columns[-1] - columns[0] + 1}×{rows[-1] - rows[0] + 1} pixels"
+    left, top, right, bottom = bounding_box(group)
+    box, size = (slice(top, bottom), slice(left, right)), f"{right - left}×{bottom - top} pixels"
     changed = [part & group for part in ink]
     if not any(part.any() for part in changed):
         return None
@@ -380,5 +373,5 @@ def _shared(a: np.ndarray, b: np.ndarray) -> float:
 
 def _tight(ink: np.ndarray) -> tuple[int, int, np.ndarray]:
     """First row and column with ink [H, W], and the ink within its box."""
-    rows, columns = (np.flatnonzero(ink.any(axis=axis)) for axis in (1, 0))
-    return int(rows[0]), int(columns[0]), ink[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    left, top, right, bottom = bounding_box(ink)
+    return top, left, ink[top:bottom, left:right]

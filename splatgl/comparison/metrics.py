@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from splatgl.coercion import public
 from splatgl.comparison.pictures import as_image, check_finite, match_images
 from splatgl.data.color import srgb_from_linear
-from splatgl.data.image import Image
+from splatgl.data.image import Image, bounding_box
 from splatgl.errors import expected, import_extra
 
 # Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004, Eq. 13: K1 and K2;
@@ -169,12 +169,9 @@ def over_channels(d: np.ndarray, out: np.ndarray) -> None:
 def exceeds_threshold(
     a: np.ndarray, b: np.ndarray, worst: np.ndarray, threshold: float | None, peak: float
 ) -> np.ndarray:
-    """bool [H, W]: whether `worst`, the largest |a − b| of a pixel, exceeds threshold·peak; None: one step."""
-    return exceeds_step(a, b, worst, peak) if threshold is None else worst > threshold * peak
-
-
-def exceeds_step(a: np.ndarray, b: np.ndarray, worst: np.ndarray, peak: float) -> np.ndarray:
-    """bool [H, W]: a and b differ by more than one step of 8-bit samples. worst: [H, W], the largest |a − b|."""
+    """bool [H, W]: whether `worst`, the largest |a − b| of a pixel, exceeds threshold·peak; None: an 8-bit step."""
+    if threshold is not None:
+        return worst > threshold * peak
     over = worst > DARK_STEP * peak
     for top in range(0, len(over), STEP_BAND_ROWS):
         band = slice(top, top + STEP_BAND_ROWS)
@@ -209,7 +206,7 @@ def largest_level(a: np.ndarray, b: np.ndarray, peak: float) -> float:
     fractions of levels.
 
     Colours count where both pixels have an alpha of half a level or more, and differences that rounding explains
-    (`exceeds_step`) in translucent ones as at most one level.
+    (`exceeds_threshold`) in translucent ones as at most one level.
     """
     most = 0.0
     for top in range(0, len(a), STEP_BAND_ROWS):
@@ -244,7 +241,8 @@ def densest_share(over: np.ndarray) -> float:
     if count == WINDOW or rows.size > MOST_POINTS:
         return count / WINDOW
     on_lines = max(_densest_line(columns, rows), _densest_line(rows, columns)) / LINE
-    return max(min(max(count, _largest_group(rows, columns)), WINDOW) / WINDOW, on_lines)
+    places = zip(rows.tolist(), columns.tolist(), strict=True)
+    return max(min(max(count, *map(len, connected_groups(places))), WINDOW) / WINDOW, on_lines)
 
 
 def _densest_line(along: np.ndarray, across: np.ndarray) -> int:
@@ -259,18 +257,18 @@ def _densest_line(along: np.ndarray, across: np.ndarray) -> int:
     return most
 
 
-def _largest_group(rows: np.ndarray, columns: np.ndarray) -> int:
-    """The largest number of pixels, whole coordinates [N], that touch each other by edges or corners."""
-    rest, most = set(zip(rows.tolist(), columns.tolist(), strict=True)), 0
+def connected_groups(places: Iterable[tuple[int, int]]) -> Iterator[list[tuple[int, int]]]:
+    """Yields the groups of places (row, column) that touch each other by edges or corners."""
+    rest = dict.fromkeys(places)
     while rest:
-        group = [rest.pop()]
+        group = [rest.popitem()[0]]
         # grows while it is read
         for row, column in group:
-            near = rest & {(row + down, column + across) for down, across in AROUND}
-            rest -= near
+            near = [place for down, across in AROUND if (place := (row + down, column + across)) in rest]
+            for place in near:
+                del rest[place]
             group += near
-        most = max(most, len(group))
-    return most
+        yield group
 
 
 # equal neighbours of a pixel in an even area, at least
@@ -424,7 +422,7 @@ def compare(
         share_over=int(np.count_nonzero(over)) / count,
         sum_error=off / weight if weight > 0 else math.copysign(math.inf, off) if off else 0.0,
         where=(int(column), int(row)),
-        box=_box(over),
+        box=bounding_box(over) if over.any() else None,
         peak=peak,
         threshold=threshold,
         bias=float(bias[np.abs(bias).argmax()]),
@@ -515,10 +513,3 @@ def _differences(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         squares += float(np.einsum("ij,ij->", exact, exact))
         over_channels(d, worst[band])
     return worst, columns.reshape(-1, 4).sum(axis=0), squares, weight
-
-
-def _box(over: np.ndarray) -> tuple[int, int, int, int] | None:
-    if not over.any():
-        return None
-    rows, columns = np.flatnonzero(over.any(axis=1)), np.flatnonzero(over.any(axis=0))
-    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 import os
 import shlex
 import sys
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     from splatgl.comparison.reports import Case
 
 SAME, DIFFERENT, UNUSABLE = 0, 1, 2
-# bytes of a file that are compared at a time
-BLOCK = 2**20
 # pairs that a process of its own compares faster than this one, which starts it in half a second
 WORTH_A_PROCESS = 12
 
@@ -111,15 +110,8 @@ def _is_program() -> bool:
 def have_equal_bytes(files: FilePair) -> bool:
     """Whether both files are PNGs that end as such, of equal bytes."""
     try:
-        if files.actual.stat().st_size != files.right.stat().st_size or read_size(files.actual) is None:
-            return False
-        with files.actual.open("rb") as a, files.right.open("rb") as b:
-            while True:
-                block = a.read(BLOCK)
-                if block != b.read(BLOCK):
-                    return False
-                if not block:
-                    return True
+        same_size = files.actual.stat().st_size == files.right.stat().st_size
+        return same_size and read_size(files.actual) is not None and filecmp.cmp(*files[1:], shallow=False)
     except OSError:
         return False
 

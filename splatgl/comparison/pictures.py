@@ -20,7 +20,7 @@ from PIL.Image import DecompressionBombError
 from PIL.Image import Image as PillowImage
 
 from splatgl.data.color_management import displayed_samples
-from splatgl.data.image import EXR, PNG_SIGNATURE, TIFF, Image, load_tiff
+from splatgl.data.image import PNG_SIGNATURE, Image
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_file
 
@@ -57,16 +57,15 @@ class Picture:
 
 def read(path: str | Path) -> Picture:
     """Reads a PNG, NPY, EXR, TIFF or JPEG file. Raises InputError for missing, truncated and invalid files."""
-    source, suffix = Path(path), Path(path).suffix.lower()
-    floats = load_tiff(source) if suffix in TIFF and source.is_file() else None
     try:
-        image = Image(*floats) if floats else Image.load(source)
+        image = Image.load(path)
     except (DecompressionBombError, TokenError) as error:
         # of Pillow and NumPy, for damaged files
-        raise InputError(f"{source}: cannot be read as a picture: {error}") from error
-    if floats or suffix in (".npy", *EXR):
+        raise InputError(f"{path}: cannot be read as a picture: {error}") from error
+    if image.bits is None:
+        # of floats
         return Picture(str(path), image)
-    with open(source, "rb") as file:
+    with open(path, "rb") as file:
         header = file.read(HEADER_BYTES)
     if header[: len(PNG_SIGNATURE)] != PNG_SIGNATURE:
         return Picture(str(path), image)

@@ -202,7 +202,6 @@ class Collector:
         return list_unused(self.cases, {config.rootpath / name for name in self.incomplete})
 
     def _report(self, folder: Path, unused: list[str]) -> str:
-        """Writes the report and returns a message with its path."""
         from splatgl.comparison.reports import build_page, list_files
         from splatgl.fileio import write_file
 
@@ -212,7 +211,6 @@ class Collector:
         return f"{wrong} of {len(self.cases)} pictures differ, are missing or unusable: {folder / 'index.html'}"
 
     def _summary(self, path: Path, folder: Path | None) -> None:
-        """Appends the summary in Markdown."""
         from splatgl.comparison.reports import append_text, markdown_summary
 
         page = str(folder / "index.html") if folder else ""

@@ -271,7 +271,6 @@ def _mark(verdict: Verdict) -> str:
 
 
 def _table(verdict: Verdict) -> str:
-    """Every metric against its limit."""
     rows, states = [], []
     for check in verdict.checks:
         limit = (

@@ -288,10 +288,6 @@ FILE, TABLE = "pyproject.toml", "[tool.splatgl.compare]"
 Rectangle = tuple[int, int, int, int]
 
 
-def _check_tolerance(value: Any) -> Tolerance | float | None:
-    return value if isinstance(value, Tolerance) else LIMIT.check(value)
-
-
 def _check_metrics(value: Any) -> tuple[str, ...]:
     names = METRICS if value == "all" else tuple(value.split(",") if isinstance(value, str) else value)
     if not set(names) <= set(METRICS):
@@ -337,7 +333,10 @@ class CompareOptions:
         "none", ValueKind.choice(NOISE), "limits by name. driver allows few, scattered pixels that differ by few levels"
     )
     tolerance: Tolerance | float | None = limiting(
-        None, replace(LIMIT, check=_check_tolerance), "same as --max-difference E", metavar="E"
+        None,
+        replace(LIMIT, check=lambda value: value if isinstance(value, Tolerance) else LIMIT.check(value)),
+        "same as --max-difference E",
+        metavar="E",
     )
     regions: Mapping[str, Any] | None = option(None, ValueKind(REGIONS, dict))
     baselines: Path | None = option(None, FILE_NAME)

@@ -54,7 +54,6 @@ def volume_of(x: Any, **options: Any) -> Volume:
 
 
 def _find_converter(x: Any) -> Any:
-    """The function that converts objects of the type of `x`."""
     for base in type(x).__mro__:
         place = _SOURCES.get(base.__module__.partition(".")[0])
         if place is not None:
@@ -151,29 +150,30 @@ def of_napari(x: Any, options: ArrayOptions) -> Volume:
         raise expected("layer", "one number per voxel", "colours (rgb)", "pick a channel: x.data[..., 0]")
     levels = list(x.data) if x.multiscale else [x.data]
     finest = tuple(levels[0].shape)
-    lead = _lead_index(finest, options)
-    # napari's world coordinates of the first voxel and of its neighbours
-    corners = np.vstack([np.zeros(3), np.eye(3)])
-    world = np.array([x.data_to_world((*lead, *corner))[-3:] for corner in corners])
-    origin, matrix = world[0][::-1], (world[1:] - world[0]).T[::-1, ::-1]
-    hints = _hints(x)
-    units = {unit_name(str(unit)) for unit in tuple(getattr(x, "units", None) or ())[-3:]}
-    unit = units.pop() if len(units) == 1 else ""
-    volumes = []
+    lead, volumes = _lead_index(finest, options), []
+    look: dict[str, Any] = {"labels": ()} if kind == "Labels" else {"hints": _hints(x)}
     for data in levels:
-        factor = np.array(finest[-3:]) / data.shape[-3:]
-        scaled = matrix * factor[::-1]
-        # levels fill the same box
-        start = origin + (scaled - matrix) @ np.full(3, 0.5)
         if lead:
             # zarr's and HDF5's arrays would be read as a whole
             is_lazy = isinstance(data, np.ndarray) or type(data).__module__.partition(".")[0] == "dask"
             data = data[lead] if is_lazy else Transposed(data, lead=lead)
-        samples = check_samples(data, "layer")
-        volumes.append(volume_on_grid(samples, scaled, start, "transform", unit=unit, name=x.name, hints=hints))
-    if kind == "Labels":
-        volumes = [replace(volume, labels=()) for volume in volumes]
+        volumes.append(volume_of_level(x, lead, finest[-3:], data, **look))
     return replace(volumes[0], coarser=tuple(volumes[1:]))
+
+
+def volume_of_level(layer: Any, lead: Sequence[int], finest: Sequence[int], samples: Any, **more: Any) -> Volume:
+    """The volume of a level of a napari layer, placed as the layer is. lead: index along the axes before z, y, x;
+    finest: shape of the first level, whose box all levels fill; more: fields of `Volume`.
+    """
+    samples = check_samples(samples, "layer")
+    # napari's world coordinates of the first voxel and of its neighbours
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    world = np.array([np.asarray(layer.data_to_world((*lead, *corner)))[-3:] for corner in corners])
+    origin, matrix = world[0][::-1], (world[1:] - world[0]).T[::-1, ::-1]
+    scaled = matrix * (np.array(finest) / samples.shape)[::-1]
+    units = {unit_name(str(unit)) for unit in tuple(getattr(layer, "units", None) or ())[-3:]}
+    start, unit = origin + (scaled - matrix) @ np.full(3, 0.5), units.pop() if len(units) == 1 else ""
+    return volume_on_grid(samples, scaled, start, "transform", unit=unit, name=layer.name, **more)
 
 
 def _lead_index(shape: tuple[int, ...], options: ArrayOptions) -> tuple[int, ...]:
@@ -193,9 +193,7 @@ def _lead_index(shape: tuple[int, ...], options: ArrayOptions) -> tuple[int, ...
 
 
 def _hints(x: Any) -> Hints:
-    """The window and colour map of the layer; labels have none."""
-    if getattr(x, "kind", type(x).__name__) == "Labels":
-        return Hints()
+    """The window and colour map of an image layer."""
     low, high = (float(limit) for limit in x.contrast_limits)
     name = str(x.colormap.name)
     known = name in BUILTIN_MAPS or (name in SHARED_MAPS and any(map(find_spec, ("cmap", "matplotlib"))))

@@ -621,3 +621,9 @@ def _grey_image(values: np.ndarray, info: dict[str, object]) -> Image:
     light = np.where(known, linear_from_srgb(1 - share * (1 - FARTHEST)), 0.0)[..., None]
     pixels = np.concatenate([light, light, light, known[..., None]], axis=-1).astype(np.float32)
     return Image(pixels, {**info, "white": low, "darkest": high})
+
+
+def bounding_box(over: np.ndarray) -> tuple[int, int, int, int]:
+    """left, top, right and bottom of the pixels, bool [H, W], of which there is one; the last two exclusive."""
+    rows, columns = np.flatnonzero(over.any(axis=1)), np.flatnonzero(over.any(axis=0))
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -441,14 +441,9 @@ def _outline(mesh: Mesh, normal: np.ndarray, place: float) -> np.ndarray:
     return np.asarray(ends[:, 0] + (ends[:, 1] - ends[:, 0]) * share[:, None]).reshape(-1, 2, 3)
 
 
-class FillStrips(NamedTuple):
-    """Parts of lines between neighbouring rows, by strip and from left to right. number [N]: of the strip; low, high
-    [N]: x on its lower and upper row.
-    """
-
-    number: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
+# parts of lines between neighbouring rows, by strip and from left to right: numbers [N] of strips, x [N] on their lower
+# rows, and on their upper ones
+Strips = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def fill_outline(lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -463,43 +458,44 @@ def fill_outline(lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rows = np.union1d(rows, crossed)
         strips = _strips(lines, rows)
     # ends of the inner parts, by left and right, lower and upper
-    left, right = (np.stack([strips.low[n::2], strips.high[n::2]]) for n in (0, 1))
-    row = strips.number[::2] + np.array([[0], [1]])
+    strip, low, high = strips
+    left, right = (np.stack([low[n::2], high[n::2]]) for n in (0, 1))
+    row = strip[::2] + np.array([[0], [1]])
     points, number = np.unique(
         np.stack([np.stack([row, row]), np.stack([left, right])], axis=-1).reshape(-1, 2), axis=0, return_inverse=True
     )
     (low_left, high_left), (low_right, high_right) = number.reshape(2, 2, -1)
     # sides between neighbouring points of a row: what they belong to, and their first points
-    below, start = _ranges(low_left, np.maximum(low_left, low_right))
-    above, end = _ranges(high_left, np.maximum(high_left, high_right))
+    below, start = unroll_ranges(low_left, np.maximum(low_left, low_right))
+    above, end = unroll_ranges(high_left, np.maximum(high_left, high_right))
     faces = [np.stack([start, start + 1, high_left[below]], axis=1), np.stack([end + 1, end, low_right[above]], axis=1)]
     return np.stack([points[:, 1], rows[points[:, 0].astype(int)]], axis=1), np.concatenate(faces)
 
 
-def _strips(lines: np.ndarray, rows: np.ndarray) -> FillStrips:
+def _strips(lines: np.ndarray, rows: np.ndarray) -> Strips:
     """The parts of upward lines [S, 2, 2] between rows [R], among which are those of all ends."""
     first, last = (np.searchsorted(rows, lines[:, end, 1]) for end in (0, 1))
-    line, strip = _ranges(first, last)
+    line, strip = unroll_ranges(first, last)
     (x, y), (end_x, end_y) = (lines[line, end].T for end in (0, 1))
     low, high = (
         np.where(at == y, x, np.where(at == end_y, end_x, x + (end_x - x) * ((at - y) / (end_y - y))))
         for at in (rows[strip], rows[strip + 1])
     )
     order = np.lexsort((low + high, strip))
-    return FillStrips(strip[order], low[order], high[order])
+    return strip[order], low[order], high[order]
 
 
-def _crossings(strips: FillStrips, rows: np.ndarray, slack: float) -> np.ndarray:
+def _crossings(strips: Strips, rows: np.ndarray, slack: float) -> np.ndarray:
     """Further rows, where neighbouring lines of a strip cross by more than `slack`."""
-    below, above = np.diff(strips.low), np.diff(strips.high)
-    some = np.flatnonzero((np.diff(strips.number) == 0) & (np.minimum(below, above) < -slack))
-    strip, share = strips.number[some], below[some] / (below[some] - above[some])
+    apart, below, above = map(np.diff, strips)
+    some = np.flatnonzero((apart == 0) & (np.minimum(below, above) < -slack))
+    strip, share = strips[0][some], below[some] / (below[some] - above[some])
     at = rows[strip] + (rows[strip + 1] - rows[strip]) * share
     return np.asarray(at[(at > rows[strip]) & (at < rows[strip + 1])])
 
 
-def _ranges(first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The whole numbers from `first` to below `last` [N], and of each the index of its range."""
+def unroll_ranges(first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The whole numbers from `first` to below `last` [N], after the index of the range of each."""
     count = last - first
     owner = np.repeat(np.arange(len(count)), count)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(count) - count - first, count)

@@ -130,7 +130,6 @@ class Slab:
     samples: np.ndarray
 
 
-@public
 def _field(help: str) -> Any:
     """A field that is None by default, with a line of help."""
     return field(default=None, metadata={"help": help})
@@ -424,10 +423,10 @@ class Volume:
         size = (n * step for n, step in zip(self.shape[::-1], self.spacing, strict=True))
         if self.points is not None:
             return [("points", f"{len(self.points):,} points"), *([("frame", self.frame)] if self.frame else [])]
-        labels = [label.name or str(label.number) for label in self.labels or ()]
+        labels, ends = [label.name or str(label.number) for label in self.labels or ()], self.value_range
         listed = {
             "voxels": f"{times(self.shape[::-1])} {np.dtype(self.samples.dtype).name}",
-            self.quantity or "values": self._range_text(),
+            self.quantity or "values": f"{ends[0]:g} … {ends[1]:g} {self.value_unit}".strip() if ends else "",
             "spacing": f"{times(self.spacing)}{unit}",
             "size": f"{times(size)}{unit}",
             "frame": self.frame or "",
@@ -439,11 +438,6 @@ class Volume:
             "masked": f"by {some([mask.name or 'an array' for mask in self.masks])}" if self.masks else "",
         }
         return [(name, text) for name, text in listed.items() if text]
-
-    def _range_text(self) -> str:
-        """The least and the largest finite value; "" where they are not known."""
-        ends = self.value_range
-        return f"{ends[0]:g} … {ends[1]:g} {self.value_unit}".strip() if ends else ""
 
     @property
     def value_range(self) -> tuple[float, float] | None:

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.coercion import public
-from splatgl.data.image import Image
+from splatgl.data.image import Image, bounding_box
 from splatgl.data.volume import Volume
 from splatgl.distributed.workers import Drawing, addresses, call, keep_latest, outcome, renderer, spread
 from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, call_within, parse_bytes
 from splatgl.geometry.camera import Camera
-from splatgl.planning.bricks import Bricks, Shell, required_bricks
+from splatgl.planning.bricks import Bricks, Shell, estimate_need, required_bricks
 from splatgl.planning.resolve import extract_for_settings
 from splatgl.readers import load
 from splatgl.splat.motion import Motion
@@ -105,12 +105,10 @@ class PicturePart:
         """The window around samples that are not empty."""
         height, width, _ = pixels.shape
         some = (pixels != 0).any(axis=-1)
-        rows, columns = np.flatnonzero(some.any(axis=1)), np.flatnonzero(some.any(axis=0))
-        if not len(rows):
+        if not some.any():
             return cls(pixels[:0, :0], 0, 0, (width, height), splats)
-        y, x = int(rows[0]), int(columns[0])
-        window = np.ascontiguousarray(pixels[y : rows[-1] + 1, x : columns[-1] + 1])
-        return cls(window, x, y, (width, height), splats)
+        left, top, right, bottom = bounding_box(some)
+        return cls(np.ascontiguousarray(pixels[top:bottom, left:right]), left, top, (width, height), splats)
 
     def within(self, x: int, y: int, width: int, height: int) -> np.ndarray:
         """The samples of a larger window."""
@@ -262,8 +260,6 @@ def _shells(job: WorkerJob, sent: Volume | None, count: int) -> tuple[str, list[
 
 def _part(job: WorkerJob, sent: Volume | None, shell: Shell) -> PicturePart:
     """Draws a part of the picture, on a worker."""
-    from splatgl.planning.bricks import estimate_need
-
     bricks, chosen = _planned(job, sent)
     assert chosen.resolved.sheets is not None
     most = budget()

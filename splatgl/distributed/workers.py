@@ -19,7 +19,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.coercion import public
-from splatgl.errors import InputError, expected, missing_extra, one_line
+from splatgl.errors import InputError, expected, import_extra, one_line
 from splatgl.fileio import call_within, stated_budget
 from splatgl.opengl import OpenGL
 
@@ -171,11 +171,7 @@ def connected(
     """
     if workers is not None and not 1 <= workers <= MOST:
         raise expected("--workers", f"a whole number from 1 to {MOST}", workers)
-    try:
-        import dask
-        import distributed
-    except ImportError:
-        raise missing_extra("workers", "distributed", "scale") from None
+    dask, distributed = (import_extra(name, "workers", "distributed", "scale") for name in ("dask", "distributed"))
     # errors are one line
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with ExitStack() as stack:

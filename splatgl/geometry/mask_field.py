@@ -8,7 +8,6 @@ or not at all.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from weakref import WeakKeyDictionary
@@ -88,7 +87,8 @@ class MaskField:
     def _of(cls, volume: Volume) -> MaskField:
         depth, height, width = volume.shape
         ends = np.array([[depth, height, width], [0, 0, 0]])
-        for z, plane in _planes(volume, (0, 0, 0), volume.shape):
+        for z in range(depth):
+            plane = volume.kept((z, 0, 0), (z + 1, height, width))[0]
             if plane.any():
                 y, x = (np.flatnonzero(plane.any(axis=axis)) for axis in (1, 0))
                 ends[0] = np.minimum(ends[0], (z, y[0], x[0]))
@@ -210,9 +210,3 @@ def clip_to_mask(
     begin = np.where(first >= 0, ends[0], np.where(last >= 0, cross, ends[0]))
     end = np.where(first >= 0, np.where(last >= 0, ends[1], cross), np.where(last >= 0, ends[1], ends[0]))
     return begin, end
-
-
-def _planes(volume: Volume, low: Places, high: Places) -> Iterator[tuple[int, np.ndarray]]:
-    """Yields the numbers of a box's planes, and the kept voxels in each."""
-    for z in range(low[0], high[0]):
-        yield z, volume.kept((z, *low[1:]), (z + 1, *high[1:]))[0]

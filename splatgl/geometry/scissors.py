@@ -6,8 +6,7 @@ linear interpolation between voxel centres passes one half exactly at the face, 
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -65,7 +64,7 @@ class Scissors:
         given = self.outline
         if isinstance(given, str):
             object.__setattr__(self, "keep", self.keep or self.outline.endswith(KEEP))
-            object.__setattr__(self, "outline", _read(self.outline.removesuffix(KEEP)))
+            object.__setattr__(self, "outline", [corner.split(",") for corner in given.removesuffix(KEEP).split()])
         corners = np.array(_numbers(self.outline), np.float64)
         fine = corners.ndim == 2 and corners.shape[1] == 2 and LEAST_CORNERS <= len(corners) <= MOST_CORNERS
         if not fine or not (np.abs(corners) <= AROUND).all() or not np.ptp(corners, axis=0).min() > 0:
@@ -221,8 +220,3 @@ def _numbers(outline: Any) -> list[Any]:
         return [(float(x), float(y)) for x, y in corners]
     except (TypeError, ValueError):
         return []
-
-
-def _read(text: str) -> list[Any]:
-    corners: Iterable[str] = re.split(r"\s+", text.strip())
-    return [corner.split(",") for corner in corners]

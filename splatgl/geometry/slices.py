@@ -21,7 +21,7 @@ from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.mesh import Mesh, Texture
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.geometry.clipping import Plane, box_planes
+from splatgl.geometry.clipping import Plane, box_planes, clip_corners, world_units
 from splatgl.geometry.grid import Grid
 from splatgl.geometry.resample import BEYOND, Raster, level_for, sample_places, sample_raster
 from splatgl.options import HelpGroup, Option, ValueKind
@@ -218,8 +218,6 @@ def _places(where: SlicePosition, volume: Volume) -> list[float]:
 
 def _length(where: SlicePosition, volume: Volume) -> float:
     """World units per unit of the place."""
-    from splatgl.geometry.clipping import world_units
-
     return world_units(where.unit, volume.unit, where.text, "slice")
 
 
@@ -260,15 +258,10 @@ def _axis_plane(where: SlicePosition, volume: Volume, up: np.ndarray, at: float)
         this = f"a voxel from 0 to {size - 1} along {'xyz'[axis]}" if not unit else "a share from 0% to 100%"
         fix = f"{name}={at:g}{volume.unit or 'units'} is a position in the world" if not unit else ""
         raise expected("slice", this, repr(where.text), fix)
-    return grid_plane(volume, axis, index, up, title, where.text)
-
-
-def grid_plane(volume: Volume, axis: int, index: float, up: np.ndarray, title: str, text: str = "") -> SlicePlane:
-    """The plane at an index along an axis of the grid. Raises InputError as `plane_through`."""
     middle = (np.array(volume.shape[::-1]) - 1) / 2
     middle[axis] = index
     point = volume.world_from_index @ middle + np.asarray(volume.origin)
-    return plane_through(volume, point, grid_normals(volume)[axis], up, title, text, True)
+    return plane_through(volume, point, grid_normals(volume)[axis], up, title, where.text, True)
 
 
 def grid_normals(volume: Volume) -> np.ndarray:
@@ -301,8 +294,6 @@ def plane_through(
     )
     right = _unit(right - (right @ normal) * normal)
     down = _unit(down - (down @ normal) * normal - (down @ right) * right)
-    from splatgl.geometry.clipping import clip_corners
-
     d = float(normal @ point)
     row = (float(normal[0]), float(normal[1]), float(normal[2]))
     corners = clip_corners([(*row, d), (-row[0], -row[1], -row[2], -d)], volume.corners)

@@ -124,14 +124,7 @@ class GridView:
     blur: float = 1.0
 
     @classmethod
-    def of(
-        cls,
-        grid: Grid,
-        camera: Camera,
-        kernel: Kernel,
-        antialias: bool = True,
-        blur: float = 1.0,
-    ) -> GridView:
+    def of(cls, grid: Grid, camera: Camera, kernel: Kernel, antialias: bool = True, blur: float = 1.0) -> GridView:
         """The view of `grid` by `camera`; lengths in the grid's mean spacing."""
         spacing = grid.mean_spacing
         pitch = camera.extent / camera.size[1] / (1.0 if camera.perspective else spacing)

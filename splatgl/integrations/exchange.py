@@ -18,10 +18,7 @@ _ALIGNED = 1e-6
 
 
 def to_xarray(volume: Volume) -> Any:
-    """A DataArray [z, y, x] with the coordinates of the voxels' centres in the volume's world; of several channels
-    [channel, z, y, x]. Samples that are read in parts become a Dask array. Raises InputError for a turned grid, which
-    coordinates cannot describe.
-    """
+    """As of `Volume.to_xarray`; coordinates are those of the voxels' centres."""
     xarray = import_extra("xarray", "DataArrays", "xarray", "arrays")
     signs = np.diag(volume.direction)
     if not np.allclose(volume.direction, np.diag(np.sign(signs)), atol=_ALIGNED):
@@ -32,7 +29,7 @@ def to_xarray(volume: Volume) -> Any:
         steps = np.arange(volume.shape[2 - axis]) * volume.spacing[axis] * np.sign(signs[axis])
         coords[name] = xarray.Variable((name,), volume.origin[axis] + steps, {"axis": name.upper(), **unit})
     dims = ["z", "y", "x"]
-    samples = [_lazy(part) for part in volume.channels or (volume,)]
+    samples = [lazy_samples(part.samples) for part in volume.channels or (volume,)]
     if len(samples) > 1:
         dims = ["channel", *dims]
         coords["channel"] = [part.name for part in volume.channels]
@@ -44,23 +41,18 @@ def to_xarray(volume: Volume) -> Any:
 
 
 def to_dask(volume: Volume) -> Any:
-    """A Dask array [z, y, x] of the samples, in the chunks of its store; nothing is read."""
-    array, dask = _lazy(volume), _dask()
+    """As of `Volume.to_dask`, in the chunks of its store."""
+    array, dask = lazy_samples(volume.samples), _dask()
     return dask.from_array(array) if isinstance(array, np.ndarray) else array
 
 
 def to_simpleitk(volume: Volume) -> Any:
-    """A SimpleITK image in LPS and millimetres, with spacing, origin and direction; all samples are read. Raises
-    InputError for a sheared grid.
-    """
+    """As of `Volume.to_simpleitk`; all samples are read."""
     library = import_extra("SimpleITK", "images of SimpleITK", "SimpleITK", "arrays")
-    placed = _placed(volume, "LPS")
+    placed, samples = _placed(volume, "LPS")
     direction = np.asarray(placed.direction)
     if not np.allclose(direction.T @ direction, np.eye(3), atol=1e-5):
         raise expected("direction", "axes at right angles", "a sheared grid", "to_nibabel keeps it")
-    samples = np.asarray(placed.samples[...])
-    # ITK has no half floats and no bits
-    samples = samples.astype({"f2": np.float32, "b1": np.uint8}.get(samples.dtype.str[1:], samples.dtype), copy=False)
     image = library.GetImageFromArray(samples)
     image.SetSpacing(placed.spacing)
     image.SetOrigin(placed.origin)
@@ -69,15 +61,11 @@ def to_simpleitk(volume: Volume) -> Any:
 
 
 def to_nibabel(volume: Volume) -> Any:
-    """A NIfTI image of nibabel in RAS and millimetres; its array is a view of samples in memory. Raises InputError for
-    types that NIfTI lacks.
-    """
+    """As of `Volume.to_nibabel`; its array is a view of samples in memory."""
     nibabel = import_extra("nibabel", "images of nibabel", "nibabel", "readers")
-    placed = _placed(volume, "RAS")
+    placed, samples = _placed(volume, "RAS")
     affine = np.eye(4)
     affine[:3, :3], affine[:3, 3] = placed.world_from_index, placed.origin
-    samples = np.asarray(placed.samples[...])
-    samples = samples.astype({"f2": np.float32, "b1": np.uint8}.get(samples.dtype.str[1:], samples.dtype), copy=False)
     # NIfTI-1 counts voxels along an axis in 15 bits
     kind = nibabel.Nifti1Image if max(samples.shape) < 2**15 else nibabel.Nifti2Image
     image = kind(samples.T, affine, dtype=samples.dtype)
@@ -87,17 +75,22 @@ def to_nibabel(volume: Volume) -> Any:
     return image
 
 
-def _placed(volume: Volume, frame: str) -> Volume:
-    """The volume in a frame and, if its unit is known, in millimetres."""
-    return volume.placed(frame, "mm" if volume.unit else "")
+def _placed(volume: Volume, frame: str) -> tuple[Volume, np.ndarray]:
+    """The volume in a frame and, if its unit is known, in millimetres; and its samples in a type that files have: no
+    half floats, and no bits.
+    """
+    placed = volume.placed(frame, "mm" if volume.unit else "")
+    samples = np.asarray(placed.samples[...])
+    kind = {"f2": np.float32, "b1": np.uint8}.get(samples.dtype.str[1:], samples.dtype)
+    return placed, samples.astype(kind, copy=False)
 
 
-def _lazy(volume: Volume) -> Any:
-    """The samples, a numpy array or a Dask array of what is read in parts."""
-    samples = volume.samples
+def lazy_samples(samples: Any) -> Any:
+    """Samples as a numpy array, or as a Dask array of what is read in parts."""
     if isinstance(samples, np.ndarray) or hasattr(samples, "dask"):
         return samples
-    return _dask().from_array(samples, chunks=getattr(samples, "chunks", None) or "auto")
+    chunks, meta = getattr(samples, "chunks", None) or "auto", np.empty((0,) * len(samples.shape), samples.dtype)
+    return _dask().from_array(samples, chunks=chunks, name=False, meta=meta)
 
 
 def _dask() -> Any:

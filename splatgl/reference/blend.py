@@ -45,18 +45,6 @@ class CompensatedSum:
 
 
 @dataclass(frozen=True, eq=False)
-class BlendTerms:
-    """Pairs of splat and pixel, front to back. pixel int [P]; depth [P]: optical depth, or opacity; color [P, 3];
-    coverage [P]: 1 where opacity is not attenuated.
-    """
-
-    pixel: np.ndarray
-    depth: np.ndarray
-    color: np.ndarray
-    coverage: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
 class Accumulator:
     """Accumulators of pixels [n]: sum or maximum of alpha, and of colour [n, 3]."""
 
@@ -74,10 +62,10 @@ def blend_opacity(depth: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     return np.asarray(-np.expm1(-depth / coverage) * coverage)
 
 
-def add_over(band: Accumulator, part: BlendTerms) -> None:
+def add_over(band: Accumulator, pixel: np.ndarray, depth: np.ndarray, color: np.ndarray, coverage: np.ndarray) -> None:
     """'Over', front to back: colour is weighted by the transmittance in front of it; optical depths add."""
-    order, start, where = _group_by_pixel(part.pixel)
-    depth, coverage, color = part.depth[order], part.coverage[order], part.color[order]
+    order, start, where = _group_by_pixel(pixel)
+    depth, coverage, color = depth[order], coverage[order], color[order]
     opacity = blend_opacity(depth, coverage)
     depth = np.where(coverage < 1, -np.log1p(-np.minimum(opacity, ALMOST_ONE)), depth)
     before = _depth_before(depth, start)
@@ -87,24 +75,26 @@ def add_over(band: Accumulator, part: BlendTerms) -> None:
     band.depth.add(where, np.add.reduceat(depth, start))
 
 
-def add_sum(band: Accumulator, part: BlendTerms) -> None:
+def add_sum(band: Accumulator, pixel: np.ndarray, depth: np.ndarray, color: np.ndarray, coverage: np.ndarray) -> None:
     """The sum of optical depth and of depth · colour."""
-    order, start, where = _group_by_pixel(part.pixel)
-    depth = part.depth[order]
-    band.color.add(where, np.add.reduceat(part.color[order] * depth[:, None], start, axis=0))
+    order, start, where = _group_by_pixel(pixel)
+    depth = depth[order]
+    band.color.add(where, np.add.reduceat(color[order] * depth[:, None], start, axis=0))
     band.depth.add(where, np.add.reduceat(depth, start))
 
 
-def add_max(band: Accumulator, part: BlendTerms) -> None:
+def add_max(band: Accumulator, pixel: np.ndarray, depth: np.ndarray, color: np.ndarray, coverage: np.ndarray) -> None:
     """The maximum of opacity and, by channel, of opacity · colour."""
-    order, start, where = _group_by_pixel(part.pixel)
-    opacity = part.depth[order]
-    color = np.maximum.reduceat(part.color[order] * opacity[:, None], start, axis=0)
+    order, start, where = _group_by_pixel(pixel)
+    opacity = depth[order]
+    color = np.maximum.reduceat(color[order] * opacity[:, None], start, axis=0)
     band.color.total[where] = np.maximum(band.color.total[where], color)
     band.depth.total[where] = np.maximum(band.depth.total[where], np.maximum.reduceat(opacity, start))
 
 
-ADD: dict[str, Callable[[Accumulator, BlendTerms], None]] = {"over": add_over, "sum": add_sum, "max": add_max}
+# each adds pairs of splat and pixel, front to back: pixel int [P]; depth [P]: optical depth, or opacity; color [P, 3];
+# coverage [P]: 1 where opacity is not attenuated
+ADD: dict[str, Callable[..., None]] = {"over": add_over, "sum": add_sum, "max": add_max}
 
 
 def pixels(band: Accumulator, appearance: Appearance) -> np.ndarray:

@@ -140,10 +140,9 @@ def accuracy_of(image: Image) -> Accuracy:
 
 
 def check_bricks(
-    image: Image, bricks: Bricks, camera: Camera, settings: Settings | None = None, amount: int | float | None = None
+    image: Image, bricks: Bricks, camera: Camera, settings: Settings, amount: int | float | None = None
 ) -> Image:
     """Like `check`, for an image of `Renderer.render_bricks`; by default of BRICK_PIXELS pixels."""
-    settings = settings or Settings()
     return _check_bricks(image, ResolvedScene((), camera, settings, bricks=((bricks, settings),)), amount)
 
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any
 from weakref import WeakKeyDictionary
 from zlib import crc32
 
@@ -37,42 +37,29 @@ from splatgl.transfer.transfer import Transfer
 Found = tuple[np.ndarray, np.ndarray]
 
 
-@dataclass(frozen=True, eq=False)
-class ShownValues:
-    """Values that blends of one value show along rays: of the layer whose value is the most opaque. layer [P]: its
-    position in the list of layers; value, depth [P]: NaN where all is transparent.
+def shown_values(
+    layers: Sequence[LayerRays], settings: Settings, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values that blends of one value show along `count` rays, of the layer whose value is the most opaque: its
+    position in the list of layers, the value and its depth, [P] each; NaN where all is transparent.
     """
-
-    layer: np.ndarray
-    value: np.ndarray
-    depth: np.ndarray
-
-    @classmethod
-    def of(cls, layers: Sequence[LayerRays], settings: Settings, count: int) -> Self:
-        """Of layers along `count` rays, in the blend of the settings."""
-        most, layer = np.zeros(count), np.zeros(count, np.int64)
-        value, depth = np.full((2, count), np.nan)
-        for number, rays in enumerate(layers):
-            values, depths = shown_value(rays, settings.join, settings.mip_attenuation)
-            opacity = np.nan_to_num(rays.layer.matter.opacity(values))
-            better = np.flatnonzero(opacity > most)
-            most[better], layer[better] = opacity[better], number
-            value[better], depth[better] = values[better], depths[better]
-        return cls(layer, value, depth)
+    most, layer = np.zeros(count), np.zeros(count, np.int64)
+    value, depth = np.full((2, count), np.nan)
+    for number, rays in enumerate(layers):
+        if settings.join == "attenuated":
+            values, depths = _attenuated(rays, settings.mip_attenuation)
+        else:
+            values, depths = _mean(rays) if settings.join == "mean" else _extreme(rays, settings.join)
+        opacity = np.nan_to_num(rays.layer.matter.opacity(values))
+        better = np.flatnonzero(opacity > most)
+        most[better], layer[better] = opacity[better], number
+        value[better], depth[better] = values[better], depths[better]
+    return layer, value, depth
 
 
-def shown_value(layer: LayerRays, join: str, attenuation: float) -> Found:
-    """Values that a blend of one value shows of a layer, and the first depths where the field has them. join: as of the
-    blend; attenuation: per reference length.
-    """
-    if join == "attenuated":
-        return _attenuated(layer, attenuation)
-    return _mean(layer) if join == "mean" else _extreme(layer, 1.0 if join == "max" else -1.0)
-
-
-def _extreme(layer: LayerRays, sign: float) -> Found:
-    """The largest values along rays, or for a sign of −1 the least."""
-    count = len(layer.near)
+def _extreme(layer: LayerRays, join: str) -> Found:
+    """The largest values along rays, or for the join min the least, and the first depths where the field has them."""
+    count, sign = len(layer.near), 1.0 if join == "max" else -1.0
     best, depth = CurrentExtreme(np.full(count, -np.inf), sign), np.full(count, np.nan)
 
     def visit(rays: np.ndarray, ends: np.ndarray) -> np.ndarray:
@@ -200,11 +187,11 @@ def depths(
         some = pixels[first : first + RAYS]
         layers = [field.along(camera, some) for field in fields]
         if share is None:
-            return ShownValues.of(layers, settings, len(some)).depth
+            return shown_values(layers, settings, len(some))[2]
         surfaces = SurfaceRays.of(meshes, camera, some)
         parts: list[LayerRays | SurfaceRays] = [*layers, *([surfaces] if surfaces else [])]
         enough = LEAST - float(np.log1p(-share))
-        return absorb(parts, np.full(len(some), enough)).depth
+        return absorb(parts, np.full(len(some), enough))[2]
 
     with ThreadPoolExecutor(min(os.cpu_count() or 1, THREADS)) as pool:
         result = np.concatenate(list(pool.map(follow, range(0, len(pixels), RAYS))))
@@ -276,19 +263,18 @@ def pick(
     surfaces = SurfaceRays.of(scene.surfaces(settings), camera, pixels)
     if settings.shows_value:
         layers = [rays.until(surfaces.opaque) for rays in layers] if surfaces else layers
-        shown = ShownValues.of(layers, settings, 1)
-        number, depth = int(shown.layer[0]), float(shown.depth[0])
+        number, value, depth = (of_ray[0].item() for of_ray in shown_values(layers, settings, 1))
         if np.isfinite(depth):
-            return _point(scene, fields[number][0], layers[number], depth, float(shown.value[0]))
+            return _point(scene, fields[number][0], layers[number], depth, value)
         layers = []
     parts: list[LayerRays | SurfaceRays] = [*layers, *([surfaces] if surfaces else [])]
-    total = absorb(parts, np.full(1, np.inf)).total
+    total = absorb(parts, np.full(1, np.inf))[3]
     if not total[0] > 0:
         return None
-    reached = absorb(parts, np.minimum(HALF_ABSORBED, total / 2))
-    here = np.stack([reached.begin, reached.end])
+    *piece, reached, _ = absorb(parts, np.minimum(HALF_ABSORBED, total / 2))
+    here = np.stack(piece)
     most = int(np.argmax([passed([part], here, np.zeros(1, np.int64))[0, 0] for part in parts]))
-    part, depth = parts[most], float(reached.depth[0])
+    part, depth = parts[most], float(reached[0])
     if isinstance(part, LayerRays):
         return _point(scene, fields[most][0], part, depth)
     mesh = int(part.mesh[0, int(np.searchsorted(part.depth[0], depth))])
@@ -327,7 +313,6 @@ def _settings_for(mode: str | None, attenuation: float, settings: Settings) -> S
 
 
 def _pixel_number(pixel: Any, camera: Camera) -> int:
-    """A pixel's number, row by row."""
     width, height = camera.size
     try:
         column, row = (int(number) for number in pixel)

@@ -16,7 +16,7 @@ from splatgl.geometry.camera import Camera
 from splatgl.geometry.clipping import FACE
 from splatgl.planning.culling import back_to_front, order_for
 from splatgl.planning.resolve import Resolved
-from splatgl.reference.blend import ADD, Accumulator, BlendTerms, pixels
+from splatgl.reference.blend import ADD, Accumulator, pixels
 from splatgl.reference.rays import Bounds, PixelBoxes, Pixels, Rays, box_ends, pair_values, pixel_boxes, pixel_slopes
 from splatgl.reference.sheets import ConstantPieces, SheetScene, composite_sums
 from splatgl.splat.lighting import LightModel, surface_light
@@ -60,13 +60,13 @@ class BoxScene:
         """Wanted pixels of the picture, float64 [P, 4], or their light between distances [P], world units."""
         rays = self._rays(wanted, near, far)
         gathered = Accumulator.empty(len(wanted))
-        for part in self._pass_boxes(wanted, rays):
-            if not len(part.pixel):
+        for splat, pixel, ends in self._pass_boxes(wanted, rays):
+            if not len(pixel):
                 continue
-            matter = self._matter(part, rays)
+            matter = self._matter(splat, pixel, ends, rays)
             depth = matter[:, 3]
             color = matter[:, :3] / np.where(depth > 0, depth, 1.0)[:, None]
-            ADD[self.appearance.join](gathered, BlendTerms(part.pixel, depth, color, np.ones(len(depth))))
+            ADD[self.appearance.join](gathered, pixel, depth, color, np.ones(len(depth)))
         return pixels(gathered, self.appearance)
 
     def pieces(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> ConstantPieces:
@@ -74,19 +74,17 @@ class BoxScene:
         [P].
         """
         rays = self._rays(wanted, near, far)
-        chunks = list(self._pass_boxes(wanted, rays))
-        part = BoxCrossings(
-            *(np.concatenate([getattr(chunk, name) for chunk in chunks], axis=-1) for name in vars(chunks[0]))
-        )
-        order = np.argsort(part.pixel, kind="stable")
-        pixel, count = part.pixel[order], np.bincount(part.pixel, minlength=len(wanted))
+        chunks = zip(*self._pass_boxes(wanted, rays), strict=True)
+        splat, of_pixel, depths = (np.concatenate(parts, axis=-1) for parts in chunks)
+        order = np.argsort(of_pixel, kind="stable")
+        pixel, count = of_pixel[order], np.bincount(of_pixel, minlength=len(wanted))
         place = np.arange(len(pixel)) - np.repeat(np.cumsum(count) - count, count)
         ends, matter = np.zeros((len(count), count.max() + 1, 2)), np.zeros((len(count), count.max() + 1, 4))
         world = (rays.stretch * self.spacing)[pixel, None]
-        ends[pixel, place] = part.ends.T[order] * world
-        matter[pixel, place] = self._matter(part, rays)[order]
+        ends[pixel, place] = depths.T[order] * world
+        matter[pixel, place] = self._matter(splat, of_pixel, depths, rays)[order]
         # empty pieces at the end of a ray follow its last one
-        return ConstantPieces(np.maximum.accumulate(ends.reshape(len(ends), -1), axis=1).reshape(ends.shape), matter)
+        return np.maximum.accumulate(ends.reshape(len(ends), -1), axis=1).reshape(ends.shape), matter
 
     def through(self, lateral: np.ndarray) -> Rays:
         """Rays through slopes, or lengths, [2, P] from the middle of the picture."""
@@ -106,33 +104,35 @@ class BoxScene:
         entry, exit_ = box_ends(rays.start[:, ray], rays.direction[:, ray], position - 0.5, position + 0.5)
         return np.stack([np.maximum(entry, rays.near[ray]), np.minimum(exit_, rays.far[ray])])
 
-    def _pass_boxes(self, wanted: Pixels, rays: Rays) -> Iterator[BoxCrossings]:
-        """Yields the parts of boxes along rays, in drawing order; at least one chunk."""
-        yield BoxCrossings(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((2, 0)))
-        for pairs in pair_values(self, self.boxes, self.order, wanted, self.camera):
-            ends = self.ends(rays, pairs.splat, pairs.pixel)
+    def _pass_boxes(self, wanted: Pixels, rays: Rays) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Yields the parts of boxes along rays, in drawing order: indices of splats [N] and pixels [N], and depths
+        [2, N] of their ends; at least one chunk.
+        """
+        yield np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((2, 0))
+        for splat, pixel, _ in pair_values(self, self.boxes, self.order, wanted, self.camera):
+            ends = self.ends(rays, splat, pixel)
             some = ends[1] > ends[0]
-            yield BoxCrossings(pairs.splat[some], pairs.pixel[some], ends[:, some])
+            yield splat[some], pixel[some], ends[:, some]
 
-    def _matter(self, part: BoxCrossings, rays: Rays) -> np.ndarray:
+    def _matter(self, splat: np.ndarray, pixel: np.ndarray, ends: np.ndarray, rays: Rays) -> np.ndarray:
         """[N, 4]: emission and optical depth, or opacity, of parts of boxes."""
-        depth = self.depth[part.splat]
+        depth = self.depth[splat]
         if self.appearance.join != "max":
-            depth = depth * (part.ends[1] - part.ends[0]) * rays.stretch[part.pixel]
-        color = self.color[part.splat]
+            depth = depth * (ends[1] - ends[0]) * rays.stretch[pixel]
+        color = self.color[splat]
         if self.appearance.hides:
-            factor, highlight = self._shade(part, rays)
+            factor, highlight = self._shade(pixel, ends, rays)
             color = color * factor[:, None] + highlight[:, None]
         return np.column_stack([color * depth[:, None], depth])
 
-    def _shade(self, part: BoxCrossings, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
+    def _shade(self, pixel: np.ndarray, ends: np.ndarray, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
         """Factors of colours [N] and highlights [N] of parts of boxes."""
-        appearance, (entry, exit_) = self.appearance, part.ends
-        start, direction = rays.start[:, part.pixel].T, rays.direction[:, part.pixel].T
+        appearance, (entry, exit_) = self.appearance, ends
+        start, direction = rays.start[:, pixel].T, rays.direction[:, pixel].T
         nothing = np.zeros((len(entry), 3))
         normal = self.normals.at(start + direction * entry[:, None]) if appearance.shading else nothing
-        toward, shines = rays.toward[part.pixel], appearance.light.within(self.camera)
-        middle = start + direction * part.ends.mean(axis=0)[:, None]
+        toward, shines = rays.toward[pixel], appearance.light.within(self.camera)
+        middle = start + direction * ends.mean(axis=0)[:, None]
 
         def light(of: np.ndarray) -> np.ndarray:
             cues = self.resolved.cues
@@ -143,19 +143,10 @@ class BoxScene:
         # in the middle of a voxel of a thin label, normals are half as long as at its face
         result += np.minimum(2 * np.linalg.norm(normal, axis=1), 1.0) * (light(normal) - result)
         if appearance.shading and rays.face is not None:
-            face, faced = rays.face[part.pixel], rays.entry[part.pixel] + FACE
+            face, faced = rays.face[pixel], rays.entry[pixel] + FACE
             share = np.clip((faced - entry) / (exit_ - entry), 0.0, 1.0) * face.any(axis=1)
             result += share * (light(face) - result)
         return result[0], result[1]
-
-
-@dataclass(frozen=True, eq=False)
-class BoxCrossings:
-    """Parts of boxes along rays: indices of splats [N] and pixels [N], and depths [2, N] of their ends."""
-
-    splat: np.ndarray
-    pixel: np.ndarray
-    ends: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,39 +162,28 @@ class LayerScene:
     def part(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> np.ndarray:
         """Wanted pixels of the picture, float64 [P, 4], or their light between distances [P], world units."""
         layers = [layer.pieces(wanted, near, far) for layer in self.layers]
-        ends = np.concatenate([layer.ends.reshape(len(layer.ends), -1) for layer in layers], axis=1)
+        ends = np.concatenate([own.reshape(len(own), -1) for own, _ in layers], axis=1)
         order = np.argsort(ends, axis=1, kind="stable")
         edges = np.take_along_axis(ends, order, axis=1).T
         # of an end the layer whose piece ends there, −1 where one begins
-        ending = np.concatenate([np.tile([-1, n], layer.ends.shape[1]) for n, layer in enumerate(layers)])[order].T
+        ending = np.concatenate([np.tile([-1, n], own.shape[1]) for n, (own, _) in enumerate(layers)])[order].T
         light = np.zeros((len(ends), 4))
         at = [np.zeros(len(ends), np.intp) for _ in layers]
         for first, last, ended in zip(edges[:-1], edges[1:], ending[:-1], strict=True):
             middle, matter = (first + last) / 2, np.zeros_like(light)
-            for n, layer in enumerate(layers):
+            for n, (own, own_matter) in enumerate(layers):
                 at[n] += ended == n
-                some = np.flatnonzero((last > first) & (at[n] < layer.ends.shape[1]))
-                begin, end = layer.ends[some, at[n][some]].T
+                some = np.flatnonzero((last > first) & (at[n] < own.shape[1]))
+                begin, end = own[some, at[n][some]].T
                 inside = (begin < middle[some]) & (middle[some] < end)
                 some, length = some[inside], (end - begin)[inside]
-                matter[some] += layer.matter[some, at[n][some]] * ((last - first)[some] / length)[:, None]
+                matter[some] += own_matter[some, at[n][some]] * ((last - first)[some] / length)[:, None]
             light += (1 - light[:, 3:]) * composite_sums(matter[:, None])
         return light
 
 
 # difference of barycentric coordinates, and relative difference of depths, that is only rounding
 ON_EDGE = 1e-9
-
-
-@dataclass(frozen=True, eq=False)
-class MeshHits:
-    """Surfaces along rays, nearest first. distance [P, K]: from the eye, or from its plane, world units; infinite after
-    the last. light [P, K, 4]: premultiplied. mesh [P, K]: number of the mesh, −1 for the last.
-    """
-
-    distance: np.ndarray
-    light: np.ndarray
-    mesh: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,17 +201,21 @@ class SurfaceScene:
 
     def part(self, wanted: Pixels) -> np.ndarray:
         """Wanted pixels of the picture, float64 [P, 4]."""
-        surfaces = crossings(self.meshes, self.camera, wanted, self.light)
+        distances, lights, _ = crossings(self.meshes, self.camera, wanted, self.light)
         light, near = np.zeros((len(wanted), 4)), np.zeros(len(wanted))
-        for far, surface in zip(surfaces.distance.T, surfaces.light.transpose(1, 0, 2), strict=True):
+        for far, surface in zip(distances.T, lights.transpose(1, 0, 2), strict=True):
             for part in (self.scene.part(wanted, near, far), surface):
                 light += (1 - light[:, 3:]) * part
             near = far
         return light
 
 
-def crossings(meshes: Sequence[Mesh], camera: Camera, wanted: Pixels, light_by: LightModel | None) -> MeshHits:
-    """Surfaces along the rays of wanted pixels, followed by an empty one at infinity."""
+def crossings(
+    meshes: Sequence[Mesh], camera: Camera, wanted: Pixels, light_by: LightModel | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Surfaces along the rays of wanted pixels, nearest first, and an empty one at infinity: distances [P, K] from the
+    eye, or from its plane, world units; light [P, K, 4], premultiplied; numbers of the meshes [P, K], −1 for the last.
+    """
     count = len(wanted)
     shown = [number for number, mesh in enumerate(meshes) if len(mesh) and mesh.opacity > 0]
     parts = [_cross_mesh(meshes[number], camera, wanted, light_by) for number in shown]
@@ -244,9 +228,9 @@ def crossings(meshes: Sequence[Mesh], camera: Camera, wanted: Pixels, light_by: 
     first = np.searchsorted(pixel, np.arange(count))
     place = np.arange(len(pixel)) - first[pixel]
     size = count, place.max() + 1
-    result = MeshHits(np.full(size, np.inf), np.zeros((*size, 4)), np.full(size, -1))
-    result.distance[pixel, place], result.light[pixel, place], result.mesh[pixel, place] = distance, light, mesh
-    return result
+    distances, lights, numbers = np.full(size, np.inf), np.zeros((*size, 4)), np.full(size, -1)
+    distances[pixel, place], lights[pixel, place], numbers[pixel, place] = distance, light, mesh
+    return distances, lights, numbers
 
 
 def _cross_mesh(

@@ -235,13 +235,9 @@ class ValueMatter:
         if not self.post.transfer.regions:
             ends = np.stack([low[some], high[some]])[:, None]
             # surfaces lie between two values, too
-            some[some] = sum(self._replaced().between(*ends)) > 0
+            ungraded = self.post.with_transfer(replace(self.post.transfer, gradient=()))
+            some[some] = sum(replace(self, post=ungraded).between(*ends)) > 0
         return Blocks(self.cells.low, self.cells.shape, some, low, high)
-
-    def _replaced(self) -> Self:
-        """The same whose opacity no gradient weighs."""
-        post = self.post.with_transfer(replace(self.post.transfer, gradient=()))
-        return replace(self, post=post)
 
 
 @dataclass(frozen=True, eq=False)
@@ -407,17 +403,7 @@ def _beside(splats: Splats, ends: tuple[np.ndarray, np.ndarray, np.ndarray, np.n
     return np.asarray(members[(at >= first[cell] - PAD) & (at <= last[cell] + PAD)])
 
 
-@dataclass(frozen=True, eq=False)
-class RayPieces:
-    """Pieces of rays between depths begin and end [K, N], and the states [n, K, N] there. turns bool [K, N]: whether
-    values may have an extreme within; None: nowhere.
-    """
-
-    begin: np.ndarray
-    end: np.ndarray
-    first: np.ndarray
-    last: np.ndarray
-    turns: np.ndarray | None = None
+Pair = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -470,16 +456,18 @@ class LayerRays:
             ends = np.clip(ends, self.near[rays], self.far[rays])
             # a step is within a voxel
             first = self.states((ends[:-1] + ends[1:]) / 2, rays)
-            pieces = RayPieces(ends[:-1], ends[1:], first, first)
+            depths, states, turns = (ends[:-1], ends[1:]), (first, first), None
         else:
-            pieces = self._pieces(ends, rays)
-        length = np.maximum(pieces.end - pieces.begin, 0.0)
-        mean, crossed = self._between(pieces, rays)
+            depths, states, turns = self._pieces(ends, rays)
+        length = np.maximum(depths[1] - depths[0], 0.0)
+        mean, crossed = self._between(depths, states, turns, rays)
         passed[:, some] = mean * length * self.length[rays] + np.where(length > 0, crossed, 0.0)
         return passed
 
-    def _pieces(self, ends: np.ndarray, rays: np.ndarray) -> RayPieces:
-        """Pieces between depths [K + 1, N] of rays [N], within the layer and its mask."""
+    def _pieces(self, ends: np.ndarray, rays: np.ndarray) -> tuple[Pair, Pair, np.ndarray | None]:
+        """Depths [K, N] at the begin and the end of pieces between depths [K + 1, N] of rays [N], within the layer and
+        its mask; the states [n, K, N] there; and whether values may have an extreme within, bool [K, N].
+        """
         # one more on either side tells where values turn
         ends = np.concatenate([2 * ends[:1] - ends[1:2], ends, 2 * ends[-1:] - ends[-2:-1]])
         ends = np.clip(ends, self.near[rays], self.far[rays])
@@ -494,20 +482,20 @@ class LayerRays:
             slope = (last - first) / np.where(end > begin, end - begin, 1.0)
             turns &= (low == begin) & (high == end)
             first, last, begin, end = first + slope * (low - begin), last + slope * (high - end), low, high
-        return RayPieces(begin, end, first, last, turns)
+        return (begin, end), (first, last), turns
 
-    def _between(self, pieces: RayPieces, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean extinctions and optical depths [K, N] of iso-surfaces of pieces of rays [N]. Where values turn, they are
-        a parabola, whose two branches count.
+    def _between(self, depths: Pair, states: Pair, turns: np.ndarray | None, rays: np.ndarray) -> Pair:
+        """Mean extinctions and optical depths [K, N] of iso-surfaces of pieces of rays [N], as of `_pieces`. Where
+        values turn, they are a parabola, whose two branches count.
         """
-        matter, shape = self.layer.matter, pieces.begin.shape
-        ends = [state.reshape(len(state), -1) for state in (pieces.first, pieces.last)]
+        matter, shape = self.layer.matter, depths[0].shape
+        ends = [state.reshape(len(state), -1) for state in states]
         mean, crossed = matter.between(*ends)
-        if pieces.turns is not None and pieces.turns.any():
-            step, ray = np.nonzero(pieces.turns)
+        if turns is not None and turns.any():
+            step, ray = np.nonzero(turns)
             some = step * shape[1] + ray
             first, last = (state[:, some] for state in ends)
-            middle = self.states((pieces.begin[step, ray] + pieces.end[step, ray]) / 2, rays[ray])
+            middle = self.states((depths[0][step, ray] + depths[1][step, ray]) / 2, rays[ray])
             middle = np.where(np.isnan(middle), (first + last) / 2, middle)
             slope, bend = 4 * middle - 3 * first - last, 2 * (first + last - 2 * middle)
             share = np.clip(-slope[0] / np.where(bend[0] == 0, 1.0, 2 * bend[0]), 0.0, 1.0)
@@ -557,13 +545,13 @@ class SurfaceRays:
     @classmethod
     def of(cls, meshes: Sequence[Mesh], camera: Camera, pixels: np.ndarray) -> Self | None:
         """Of meshes along the rays of pixels; None without any."""
-        crossed = crossings(meshes, camera, Pixels.of(camera.size, pixels), None)
-        if crossed.distance.shape[1] == 1:
+        distance, light, mesh = crossings(meshes, camera, Pixels.of(camera.size, pixels), None)
+        if distance.shape[1] == 1:
             return None
-        depth = crossed.distance / ray_lengths(camera, pixels)[:, None]
-        thickness = -np.log1p(-np.minimum(crossed.light[..., 3], OPAQUE))
+        depth = distance / ray_lengths(camera, pixels)[:, None]
+        thickness = -np.log1p(-np.minimum(light[..., 3], OPAQUE))
         step = np.where(np.isfinite(depth[:, 0]), depth[:, 0], 1.0) / STEPS
-        return cls(depth, thickness, crossed.mesh, step)
+        return cls(depth, thickness, mesh, step)
 
     @property
     def opaque(self) -> np.ndarray:
@@ -695,20 +683,11 @@ def passed(parts: Along, ends: np.ndarray, rays: np.ndarray) -> np.ndarray:
     return np.asarray(np.sum([part.passed(ends, rays) for part in parts], axis=0))
 
 
-@dataclass(frozen=True, eq=False)
-class AbsorptionDepths:
-    """Where rays reach an optical depth. begin, end [P]: a short piece within which they do, NaN for none; depth [P]:
-    within it. total [P]: optical depths that rays have passed when they end.
+def absorb(parts: Along, enough: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Follows rays until they have passed optical depths [P]. Returns the begin and the end [P] of short pieces within
+    which they do, NaN for none, the depths [P] within these, and the optical depths [P] that rays have passed when they
+    end.
     """
-
-    begin: np.ndarray
-    end: np.ndarray
-    depth: np.ndarray
-    total: np.ndarray
-
-
-def absorb(parts: Along, enough: np.ndarray) -> AbsorptionDepths:
-    """Follows rays until they have passed optical depths [P]."""
     total = np.zeros(len(enough))
     begin, end, left = np.full((3, len(enough)), np.nan)
 
@@ -728,7 +707,7 @@ def absorb(parts: Along, enough: np.ndarray) -> AbsorptionDepths:
     depth = np.full(len(enough), np.nan)
     if len(some):
         begin[some], end[some], depth[some] = _refine(parts, some, (begin[some], end[some]), left[some])
-    return AbsorptionDepths(begin, end, depth, total)
+    return begin, end, depth, total
 
 
 def _refine(

@@ -20,6 +20,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from splatgl.data.mesh import unroll_ranges
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.clipping import FLUSH, GRAZING, Clip
@@ -123,11 +124,6 @@ class Pixels:
         """The pixels of ascending row-major indices [P]."""
         return cls(size, *np.divmod(np.asarray(index, np.int64), size[0]))
 
-    @classmethod
-    def of_rows(cls, size: tuple[int, int], top: int, bottom: int) -> Self:
-        """All pixels of the rows top ≤ row < bottom."""
-        return cls.of(size, np.arange(top * size[0], bottom * size[0]))
-
     def __len__(self) -> int:
         return len(self.row)
 
@@ -169,8 +165,8 @@ class Pixels:
     def within(self, boxes: PixelBoxes) -> tuple[np.ndarray, np.ndarray]:
         """Pairs of boxes and their pixels, box by box and row by row: indices of boxes [M] and of pixels [M]."""
         rank, before = self._lines
-        owner, line = _unroll(rank[boxes.top], np.maximum(rank[boxes.bottom], rank[boxes.top]))
-        line_part, pixel = _unroll(before[line, boxes.left[owner]], before[line, boxes.right[owner]])
+        owner, line = unroll_ranges(rank[boxes.top], np.maximum(rank[boxes.bottom], rank[boxes.top]))
+        line_part, pixel = unroll_ranges(before[line, boxes.left[owner]], before[line, boxes.right[owner]])
         return owner[line_part], pixel
 
     def are_near(self, place: np.ndarray, half: np.ndarray) -> np.ndarray:
@@ -380,15 +376,6 @@ EWA = "ewa"
 
 
 @dataclass(frozen=True, eq=False)
-class PairValues:
-    """Pairs in drawing order: splat int [P], pixel int [P] (of the wanted ones), integral [P]."""
-
-    splat: np.ndarray
-    pixel: np.ndarray
-    integral: Integral
-
-
-@dataclass(frozen=True, eq=False)
 class FootprintRow:
     """One row of Table 1, or EWA, for voxels [3, N]."""
 
@@ -456,8 +443,10 @@ class Footprints(Protocol):
 
 def pair_values(
     row: Footprints, boxes: PixelBoxes, order: np.ndarray, wanted: Pixels, camera: Camera
-) -> Iterator[PairValues]:
-    """Yields the pairs of splats and wanted pixels, in chunks; splats in the given order."""
+) -> Iterator[tuple[np.ndarray, np.ndarray, Integral]]:
+    """Yields the pairs of splats and wanted pixels in chunks, splats in the given order: numbers [P] of both, and line
+    integrals [P].
+    """
     slopes, most = pixel_slopes(wanted.index, camera, row.view.pitch), wanted.most_in(boxes)
     visible = order[most[order] > 0]
     chunks = np.flatnonzero(np.diff(np.cumsum(most[visible]) // PAIRS)) + 1
@@ -466,15 +455,7 @@ def pair_values(
         splat = chunk[owner]
         integral = row.on(splat, slopes[:, pixel])
         hit = np.flatnonzero(integral.value != 0)
-        yield PairValues(splat[hit], pixel[hit], Integral(integral.value[hit], integral.peak[hit]))
-
-
-def _unroll(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All members of the ranges start ≤ n < stop in order: the index of the range, and n."""
-    length = stop - start
-    owner = np.repeat(np.arange(len(length)), length)
-    before = np.cumsum(length) - length
-    return owner, np.arange(len(owner)) + np.repeat(start - before, length)
+        yield splat[hit], pixel[hit], Integral(integral.value[hit], integral.peak[hit])
 
 
 def pixel_slopes(pixel: np.ndarray, camera: Camera, pitch: float) -> np.ndarray:

@@ -20,7 +20,7 @@ from splatgl.planning.bricks import Bricks
 from splatgl.planning.culling import back_to_front, clip_behind_eye, order_for
 from splatgl.planning.resolve import Appearance, Resolved, attenuation_form, voxel_kernel
 from splatgl.planning.scene import ResolvedScene, Scene, join_pictures, resolve_scene
-from splatgl.reference.blend import ADD, Accumulator, BlendTerms, mean_weights, over_background, pixel_means, pixels
+from splatgl.reference.blend import ADD, Accumulator, mean_weights, over_background, pixel_means, pixels
 from splatgl.reference.layers import BoxScene, LayerScene, SurfaceScene
 from splatgl.reference.rays import (
     EWA,
@@ -104,7 +104,7 @@ def _prepare(
     layers = [(layer.front, layer.resolved) for layer in scene.layers]
     first, resolved = layers[0]
     row = row if scene.is_single else "row1"
-    info = _provenance(first, scene.camera, resolved, row)
+    info: dict[str, object] = {**resolved.info(first, scene.camera), "row": row, "renderer": "float64 reference"}
     if not scene.is_single:
         names, count = [splats.name for splats, _ in layers], sum(len(splats) for splats, _ in layers)
         ground = scene.settings.ground
@@ -130,7 +130,8 @@ def draw_bands(scene: Drawing, resolved: Resolved, progress: Progress | None = N
     height = max(1, scene.band_height() // resolved.samples) * resolved.samples
     bands = [(top, min(top + height, fine.size[1])) for top in range(0, fine.size[1], height)]
     remaining = progress(iter(bands), len(bands)) if progress else bands
-    drawn = [scene.part(Pixels.of_rows(fine.size, top, end)) for top, end in remaining]
+    rows = (np.arange(top * fine.size[0], end * fine.size[0]) for top, end in remaining)
+    drawn = [scene.part(Pixels.of(fine.size, index)) for index in rows]
     samples = np.concatenate(drawn).reshape(fine.size[1], fine.size[0], 4)
     return over_background(pixel_means(samples, resolved.samples) if resolved.averaged else samples, resolved)
 
@@ -263,19 +264,12 @@ class SplatScene:
     def part(self, wanted: Pixels) -> np.ndarray:
         """Wanted pixels of the picture, float64 [P, 4]."""
         gathered = Accumulator.empty(len(wanted))
-        for pairs in pair_values(self.row, self.boxes, self.order, wanted, self.camera):
-            s, integral = pairs.splat, pairs.integral
+        for s, pixel, integral in pair_values(self.row, self.boxes, self.order, wanted, self.camera):
             if not len(s):
                 continue
-            depth = self.depth[s] * (
-                integral.value / integral.peak if self.appearance.join == "max" else integral.value
-            )
-            ADD[self.appearance.join](gathered, BlendTerms(pairs.pixel, depth, self.color[s], self.coverage[s]))
+            value = integral.value / integral.peak if self.appearance.join == "max" else integral.value
+            ADD[self.appearance.join](gathered, pixel, self.depth[s] * value, self.color[s], self.coverage[s])
         return pixels(gathered, self.appearance)
 
 
 Drawing = SplatScene | SheetScene | BoxScene | LayerScene | SurfaceScene
-
-
-def _provenance(splats: Splats, camera: Camera, resolved: Resolved, row: str) -> dict[str, object]:
-    return {**resolved.info(splats, camera), "row": row, "renderer": "float64 reference"}

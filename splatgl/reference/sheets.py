@@ -22,7 +22,6 @@ from splatgl.reference.blend import classify_values, join_attenuated, join_value
 from splatgl.reference.rays import (
     Bounds,
     FootprintRow,
-    PairValues,
     PixelBoxes,
     Pixels,
     Rays,
@@ -32,6 +31,7 @@ from splatgl.reference.rays import (
 )
 from splatgl.splat.kernels import Kernel, tabulate
 from splatgl.splat.lighting import apply_light, surface_light
+from splatgl.splat.line_integral import Integral
 from splatgl.splat.sheets import (
     ABSENT,
     AMID,
@@ -423,6 +423,9 @@ def mean_classes(
     return np.asarray(matter)
 
 
+# segments of constant density along rays, nearest first: the world distances of their ends [P, N, 2] from the eye, or
+# from its plane; and emission and optical depth [P, N, 4]
+ConstantPieces = tuple[np.ndarray, np.ndarray]
 # maximum number of floats in the sums of a band of pixels
 MOST_SUMS = 2**24
 
@@ -472,7 +475,7 @@ class SheetScene:
         """Sums [P, sheets, terms] of wanted pixels."""
         sums = np.zeros((self.terms.shape[1], len(wanted) * self.many))
         for pairs in pair_values(self.row, self.boxes, np.arange(len(self.base)), wanted, self.camera):
-            self._add(sums, pairs)
+            self._add(sums, *pairs)
         by_sheet = sums.T.reshape(-1, self.many, len(sums))
         if self.near is not None:
             rays = self._rays(wanted, None, None)
@@ -490,7 +493,7 @@ class SheetScene:
             # a sheet's matter extends by half a sheet to both sides
             middle = self.first + np.arange(self.many)[None, :, None] + np.zeros((len(sums), 1, 1))
             sums = sums if near is None else sums * self._within(rays)[..., None]
-            return ConstantPieces(self._depths(rays, middle + np.array([-0.5, 0.5])), sums)
+            return self._depths(rays, middle + np.array([-0.5, 0.5])), sums
         all_pixels = np.ones(len(sums), bool)
         steps, both = self.field.segments(self.sheets), 1 + bool(self.field.post.transfer.iso)
         number = (self.many + 2) * steps
@@ -509,7 +512,7 @@ class SheetScene:
             thickness = (ends[:, n, 1] - ends[:, n, 0]) * (n % both)
             ends[:, n, 0] = np.maximum(ends[:, n, 0], ends[:, n - 1, 1])
             ends[:, n, 1] = np.maximum(ends[:, n, 1], ends[:, n, 0] + thickness)
-        return ConstantPieces(self._depths(rays, ends), matter)
+        return self._depths(rays, ends), matter
 
     def _rays(self, wanted: Pixels, near: np.ndarray | None, far: np.ndarray | None) -> Rays:
         """Rays of wanted pixels, clipped to distances if given; endless for splats classified before."""
@@ -531,11 +534,9 @@ class SheetScene:
         offset = np.broadcast_to(ray_offset(self.view, rays), len(places))[around]
         return np.asarray((places * self.sheets.thickness - offset) * (rays.stretch * self.spacing)[around])
 
-    def _add(self, sums: np.ndarray, pairs: PairValues) -> None:
-        value, splat = pairs.integral.value, pairs.splat
-        if self.field is not None:
-            value = value / pairs.integral.peak
-        entry = pairs.pixel * self.many + self.base[splat] - self.first
+    def _add(self, sums: np.ndarray, splat: np.ndarray, pixel: np.ndarray, integral: Integral) -> None:
+        value = integral.value if self.field is None else integral.value / integral.peak
+        entry = pixel * self.many + self.base[splat] - self.first
         shares = [weight[splat] * value for weight in self.weights]
         for total, term in zip(sums, self.terms.T, strict=True):
             values = term[splat]
@@ -560,18 +561,6 @@ def near_sums(near: NearField, kernel: Kernel, rays: Rays, sheet: int, sheets: S
         weight = kernel.footprint(across) * sheets.shares(along / sheets.thickness) * (cells[:, 3] < ABSENT)
         sums += weight[:, None] * np.column_stack([np.ones(len(cells)), cells[:, 3], cells[:, :3]])
     return np.asarray(sums / kernel.footprint(np.zeros(())))
-
-
-@dataclass(frozen=True, eq=False)
-class ConstantPieces:
-    """Segments of constant density along rays, nearest first. ends [P, N, 2]: world distances from the eye, or from its
-    plane.
-
-    matter [P, N, 4]: emission and optical depth.
-    """
-
-    ends: np.ndarray
-    matter: np.ndarray
 
 
 def composite_sums(sums: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.errors import missing_extra
+from splatgl.errors import import_extra
 from splatgl.report.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, PAPER_TABLE, MethodAxis, axis_of, methods
 from splatgl.report.sweep import Point, SceneResults, front
 
@@ -29,35 +29,20 @@ BLACK, BLUE, RED, GREEN, ORANGE = "#000000", "#0072B2", "#C44E00", "#00805C", "#
 GRAY = "#7a7a7a"
 
 SETTINGS: Any = {
-    "font.family": "STIXGeneral",
-    "mathtext.fontset": "stix",
-    "font.size": 8,
-    "axes.labelsize": 8,
-    "axes.titlesize": 8,
-    "legend.fontsize": 7,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "axes.linewidth": 0.6,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.major.size": 2.5,
-    "ytick.major.size": 2.5,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
-    "lines.linewidth": 1.0,
-    "axes.unicode_minus": True,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "splatgl",
+    **{"font.family": "STIXGeneral", "mathtext.fontset": "stix", "svg.fonttype": "path", "svg.hashsalt": "splatgl"},
+    **dict.fromkeys(("font.size", "axes.labelsize", "axes.titlesize"), 8),
+    **dict.fromkeys(("legend.fontsize", "xtick.labelsize", "ytick.labelsize"), 7),
+    **dict.fromkeys(("axes.linewidth", "xtick.major.width", "ytick.major.width"), 0.6),
+    **dict.fromkeys(("xtick.major.size", "ytick.major.size"), 2.5),
+    **dict.fromkeys(("xtick.direction", "ytick.direction"), "in"),
+    **{"lines.linewidth": 1.0, "axes.unicode_minus": True},
 }
 
 
 @contextmanager
 def style() -> Iterator[None]:
     """Matplotlib settings for creating and writing a figure. Raises InputError without matplotlib."""
-    try:
-        import matplotlib
-    except ImportError as error:
-        raise missing_extra("figures", "matplotlib", "plots") from error
+    matplotlib = import_extra("matplotlib", "figures", "matplotlib", "plots")
     with matplotlib.rc_context():
         # ignore the user's settings, for reproducible figures
         matplotlib.rcdefaults()
@@ -169,6 +154,8 @@ def _figure(scene: SceneResults, head: Mapping[str, Any]) -> Figure:
 
 def _panel(plot: Plot, scene: SceneResults, truth: str) -> dict[str, Any]:
     """Draws one truth's panel; returns the artists by name, for the legend."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     points = {point.name: point for point in scene.points(truth)}
     least = min((p.error for p in points.values() if p.error > 0), default=1.0)
     shown = {}
@@ -192,17 +179,11 @@ def _panel(plot: Plot, scene: SceneResults, truth: str) -> dict[str, Any]:
     low, high = np.log10(plot.get_ylim())
     more = max(DECADES - (high - low), 0.0) / 2
     plot.set_ylim(10 ** (low - more), 10 ** (high + more))
-    _ticks(plot)
-    return shown
-
-
-def _ticks(plot: Plot) -> None:
-    """Sets ticks at 1, 2, 5 · 10ⁿ milliseconds: powers of ten are too sparse within a decade."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
+    # powers of ten are too sparse within a decade
     plot.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     plot.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     plot.xaxis.set_minor_formatter(NullFormatter())
+    return shown
 
 
 def _on(axis: MethodAxis, points: Mapping[str, Point]) -> list[Point]:

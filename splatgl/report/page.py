@@ -220,18 +220,8 @@ def milliseconds(timing: Timing | None) -> str:
 
 # --- pictures of methods ----------------------------------------------------------------------------------------------
 
-SHOWN = (
-    DEFAULT,
-    PAPER,
-    EXACT,
-    "no antialiasing",
-    "2×2",
-    "preview 1/2",
-    "sheets 3",
-    "post b-spline 2×2",
-    EWA,
-    BESIDE_EWA,
-)
+PLAIN_METHODS = ("no antialiasing", "2×2", "preview 1/2", "sheets 3", "post b-spline 2×2")
+SHOWN = (DEFAULT, PAPER, EXACT, *PLAIN_METHODS, EWA, BESIDE_EWA)
 # percentile of the worst method's differences shown as the brightest
 BRIGHTEST = 99.5
 COMPARED = ("reference", "sampled", "field")
@@ -295,7 +285,9 @@ def page(
         note = f" ({subject.note})" if subject.note else ""
         parts += [f"<h2>{escape(name)}</h2>", f"<p>{len(subject.splats()):,} splats{note}, {size}.</p>"]
         parts.append(f"<ul>{''.join(f'<li>{_bold(text)}</li>' for text in conclusion(scene))}</ul>")
-        parts += [_image(name, diagrams[file]) for file in (f"{name}.png",) if file in diagrams]
+        if (file := f"{name}.png") in diagrams:
+            data = base64.b64encode(diagrams[file]).decode("ascii")
+            parts.append(f'<img class="diagram" alt="{escape(name)}" src="data:image/png;base64,{data}">')
         parts += [strips.get(name, ""), methods_table(scene)]
         parts.append(table(("what", "why"), left_out(scene), "left out", folded=True))
     truths = "; ".join(f"**{NAMES[truth]}**: against {about}" for truth, about in TRUTHS.items())
@@ -311,11 +303,6 @@ def page(
 def _bold(text: str) -> str:
     """HTML of a text in which **words** are bold."""
     return "".join(f"<b>{part}</b>" if n % 2 else part for n, part in enumerate(escape(text).split("**")))
-
-
-def _image(name: str, png: bytes) -> str:
-    data = base64.b64encode(png).decode("ascii")
-    return f'<img class="diagram" alt="{escape(name)}" src="data:image/png;base64,{data}">'
 
 
 def as_csv(scenes: Sequence[SceneResults]) -> str:

@@ -118,7 +118,9 @@ class ReportSubject:
         if not len(splats):
             fix = "give a scene.toml with a transfer function"
             raise expected(source, "voxels that are not transparent", "none", fix)
-        camera = replace(scene.view, size=_fit_size(scene.view.size, level.size)).camera(volume, splats)
+        scale = level.size / max(scene.view.size)
+        width, height = (max(1, round(side * scale)) for side in scene.view.size)
+        camera = replace(scene.view, size=(width, height)).camera(volume, splats)
         formula = FORMULAS.get(scene.volume) if not scene.load else None
         halvings = 0
         # averaged voxels would not be samples of the formula
@@ -189,12 +191,6 @@ class ReportSubject:
         return renderer.render(splats, self.camera, settings)
 
 
-def _fit_size(size: tuple[int, int], longest: int) -> tuple[int, int]:
-    """The size scaled to `longest` pixels on its longer side."""
-    scale = longest / max(size)
-    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
-
-
 # settings of all splat truths, and of the reference alone
 OPTICS = ("blend", "kernel", "shading", "background")
 FILTERS = ("antialias", "samples", "attenuation")
@@ -217,7 +213,9 @@ class Truths:
         if self.level.pixels is None:
             return np.arange(np.prod(self.subject.camera.size))
         shown = self.subject.draw(self.renderer, methods()[DEFAULT]).pixels.reshape(-1, 4)
-        matter = np.flatnonzero((shown != _empty_pixel(shown)).any(axis=1))
+        values, counts = np.unique(shown, axis=0, return_counts=True)
+        # the background is the most frequent pixel
+        matter = np.flatnonzero((shown != values[counts.argmax()]).any(axis=1))
         random = np.random.default_rng(SEED)
         return np.sort(random.choice(matter, min(self.level.pixels, len(matter)), replace=False))
 
@@ -286,14 +284,19 @@ class Truths:
         return render_pixels(resolve_scene(splats, camera, settings), self.places)[None]
 
     def _field(self, settings: Settings) -> np.ndarray:
-        """The field of the scene's formula, else of its samples."""
+        """The field of the scene's formula, else of its samples; drawn once for all backgrounds."""
+        if settings.ground is not None:
+            pixels = self.get("field", settings.replace(background=None)).pixels
+            return np.asarray(pixels + (1 - pixels[..., 3:]) * np.array([*settings.ground, 1.0]))
+        if self.level.pixels is not None and self.subject.formula is None:
+            splats = self.subject.splats(post=POST_KERNEL)
+            after = Settings(**{name: getattr(settings, name) for name in FIELD})
+            return kept_field_integral(splats, self.subject.camera, self.places, self.level.rays, after)[None]
         assert self.subject.content is not None
         volume, transfer = self.subject.content
         if settings.shading != "auto":
             transfer = replace(transfer, shading=settings.shading == "on")
         (width, height), rays = self.subject.camera.size, self.level.rays
-        if self.level.pixels is not None and self.subject.formula is None:
-            return self._field_at_places(settings)
         fine = self.subject.camera.resized((width * rays, height * rays))
         field: Field | str = POST_KERNEL
         if (formula := self.subject.formula) is not None:
@@ -303,19 +306,7 @@ class Truths:
                 return formula(world @ places + origin)
 
         drawn = field_integral(volume, transfer, fine, field, self.level.steps)
-        pixels = pixel_means(drawn.pixels, rays)
-        if settings.ground is None:
-            return pixels
-        return np.asarray(pixels + (1 - pixels[..., 3:]) * np.array([*settings.ground, 1.0]))
-
-    def _field_at_places(self, settings: Settings) -> np.ndarray:
-        """The field of the samples at some pixels, [1, N, 4]; drawn once for all backgrounds."""
-        if settings.ground is not None:
-            pixels = self.get("field", settings.replace(background=None)).pixels
-            return np.asarray(pixels + (1 - pixels[..., 3:]) * np.array([*settings.ground, 1.0]))
-        splats = self.subject.splats(post=POST_KERNEL)
-        after = Settings(**{name: getattr(settings, name) for name in FIELD})
-        return kept_field_integral(splats, self.subject.camera, self.places, self.level.rays, after)[None]
+        return pixel_means(drawn.pixels, rays)
 
     def _sampled(self, settings: Settings, samples: int) -> np.ndarray:
         exact = settings.replace(
@@ -328,12 +319,6 @@ class Truths:
         if self.level.pixels is not None:
             return self._reference(exact)
         return self.renderer.render(self.subject.splats(), self.subject.camera, exact).pixels.astype(np.float64)
-
-
-def _empty_pixel(pixels: np.ndarray) -> np.ndarray:
-    """The pixel [4] that is most often along the sequence [N, 4]: the background."""
-    values, counts = np.unique(pixels, axis=0, return_counts=True)
-    return np.asarray(values[counts.argmax()])
 
 
 @dataclass(frozen=True)

@@ -58,9 +58,9 @@ class ClassIntegral:
         outside = _emission(transfer, np.array([low - (high - low), high + (high - low)]))
         return cls(knots, below, mean - slope, mean + slope, outside)
 
-    def until(self, values: np.ndarray, cell: np.ndarray | None = None) -> np.ndarray:
-        """[N, 4]: integrals from the first knot to values [N]; negative below the knot. cell [N]: theirs, if known."""
-        cell = self._cells(values) if cell is None else cell
+    def until(self, values: np.ndarray) -> np.ndarray:
+        """[N, 4]: integrals from the first knot to values [N]; negative below the knot."""
+        cell = self._cells(values)
         inside = np.clip(values, self.knots[0], self.knots[-1])
         part = inside - self.knots[cell]
         share = (part / (self.knots[cell + 1] - self.knots[cell]))[:, None]
@@ -176,12 +176,7 @@ class ValueClassifier:
 
     @classmethod
     def of(
-        cls,
-        transfer: Transfer,
-        kernel: str,
-        shape: tuple[int, int, int],
-        every: bool = False,
-        largest: bool = False,
+        cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int], every: bool = False, largest: bool = False
     ) -> ValueClassifier:
         """Classifier with record values relative to the range over which the transfer function varies. largest: for
         maxima, which only values from the least opaque one on affect.

@@ -17,6 +17,7 @@ from splatgl.coercion import public
 from splatgl.data.fills import distinct
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.options import read_pairs
 from splatgl.readers.common import FIELD, is_field
 from splatgl.transfer.colormaps import base_name, labels_of, select_labels
 from splatgl.transfer.label_detection import LABELS, MASK, kind_of
@@ -117,12 +118,6 @@ def solid(stats: Statistics, rung: int | None) -> PresetCurve:
     return PresetCurve(((step, 0.0), (step, SOLID)), (lowest, highest))
 
 
-def field(stats: Statistics, rung: int | None) -> PresetCurve:
-    """A long, semi-transparent ramp from the median up. The colours span all values except the largest few."""
-    low, clear, high = (stats.percentile(percent) for percent in (0.0, 50.0, 99.9))
-    return PresetCurve(((clear, 0.0), (high, FIELD_OPACITY)), (low, high) if low < high else None)
-
-
 def cut_of(stats: Statistics, rung: int | None) -> ClassThreshold:
     """The cut of a rung; None: the cut between object and surroundings."""
     return stats.cuts[min(stats.whole if rung is None else rung, len(stats.cuts) - 1)]
@@ -174,6 +169,10 @@ def _percentiles(*nodes: tuple[float, float], window: tuple[float, float]) -> Bu
     return build
 
 
+# a long, semi-transparent ramp from the median up, whose colours span all values except the largest few
+FIELD_CURVE = _percentiles((50.0, 0.0), (DENSEST, FIELD_OPACITY), window=(0.0, DENSEST))
+
+
 def _maxima(stats: Statistics, rung: int | None) -> PresetCurve:
     """A ramp from the dimmest values, or from above the noise of the background, to the brightest."""
     high = stats.percentile(99.95)
@@ -205,57 +204,31 @@ def _fraction(stats: Statistics, rung: int | None) -> PresetCurve:
     return PresetCurve(points, (low, top) if low < top else None)
 
 
-def _ct(name: str, about: str, colormap: str, window: tuple[float, float], *points: tuple[float, float]) -> Preset:
-    nodes: Nodes = points
-    look = PresetCurve(nodes, window)
+# looks of CT: name, colour map, window and opacities at Hounsfield units, and what they show
+CT = """
+ct-aaa vessels 100,900 140:0,190:.35,320:.8,900:.95 the aorta and its branches with contrast, and bone
+ct-air airways -950,-400 -900:0,-700:.25,-550:.25,-450:0 where air ends: skin, airways and lungs from within
+ct-bones bone -700,700 230:0,280:.95,1500:.99 bone alone, its surface hard
+ct-cardiac heart -50,500 20:0,90:.04,150:.12,230:.6,500:.9 heart and great vessels with contrast, through faint muscle
+ct-chest-contrast chest -200,700 -150:0,-60:.03,60:.06,130:.15,220:.7,700:.95 vessels and bone through skin and muscle
+ct-coronary-arteries coronary 120,700 180:0,260:.85,700:.99 thin vessels with contrast, and calcium white
+ct-lung lungs -950,100 -950:0,-800:.02,-600:.12,-300:.3,-100:.1,0:0 lungs: their tissue faint, vessels and airways in it
+ct-skin flesh -700,100 -400:0,-200:.95,1500:.99 skin alone, its surface hard
+ct-muscle muscle -60,180 -10:0,40:.5,110:.6,180:.05,250:0 muscle and organs, without fat and bone
+ct-fat fat -180,0 -160:0,-115:.5,-75:.5,-20:0 fat alone, under the skin and around organs
+ct-liver-vasculature liver 60,350 70:0,100:.05,140:.08,190:.7,350:.9 vessels with contrast in a faint liver
+"""
+
+
+def _ct(row: str) -> Preset:
+    name, colormap, window, opacities, about = row.split(maxsplit=4)
+    low, high = map(float, window.split(","))
+    look = PresetCurve(read_pairs(opacities), (low, high))
     return Preset(name, about, colormap, adapt_look(look), hounsfield=look)
 
 
 MEDICAL = (
-    _ct(
-        *("ct-aaa", "the aorta and its branches with contrast, and bone", "vessels", (100.0, 900.0)),
-        *((140.0, 0.0), (190.0, 0.35), (320.0, 0.8), (900.0, 0.95)),
-    ),
-    _ct(
-        *("ct-air", "where air ends: skin, airways and lungs from within", "airways", (-950.0, -400.0)),
-        *((-900.0, 0.0), (-700.0, 0.25), (-550.0, 0.25), (-450.0, 0.0)),
-    ),
-    _ct(
-        *("ct-bones", "bone alone, its surface hard", "bone", (-700.0, 700.0)),
-        *((230.0, 0.0), (280.0, 0.95), (1500.0, SOLID)),
-    ),
-    _ct(
-        *("ct-cardiac", "heart and great vessels with contrast, through faint muscle", "heart", (-50.0, 500.0)),
-        *((20.0, 0.0), (90.0, 0.04), (150.0, 0.12), (230.0, 0.6), (500.0, 0.9)),
-    ),
-    _ct(
-        *("ct-chest-contrast", "vessels and bone through skin and muscle", "chest", (-200.0, 700.0)),
-        *((-150.0, 0.0), (-60.0, 0.03), (60.0, 0.06), (130.0, 0.15), (220.0, 0.7), (700.0, 0.95)),
-    ),
-    _ct(
-        *("ct-coronary-arteries", "thin vessels with contrast, and calcium white", "coronary", (120.0, 700.0)),
-        *((180.0, 0.0), (260.0, 0.85), (700.0, SOLID)),
-    ),
-    _ct(
-        *("ct-lung", "lungs: their tissue faint, vessels and airways in it", "lungs", (-950.0, 100.0)),
-        *((-950.0, 0.0), (-800.0, 0.02), (-600.0, 0.12), (-300.0, 0.3), (-100.0, 0.1), (0.0, 0.0)),
-    ),
-    _ct(
-        *("ct-skin", "skin alone, its surface hard", "flesh", (-700.0, 100.0)),
-        *((-400.0, 0.0), (-200.0, 0.95), (1500.0, SOLID)),
-    ),
-    _ct(
-        *("ct-muscle", "muscle and organs, without fat and bone", "muscle", (-60.0, 180.0)),
-        *((-10.0, 0.0), (40.0, 0.5), (110.0, 0.6), (180.0, 0.05), (250.0, 0.0)),
-    ),
-    _ct(
-        *("ct-fat", "fat alone, under the skin and around organs", "fat", (-180.0, 0.0)),
-        *((-160.0, 0.0), (-115.0, 0.5), (-75.0, 0.5), (-20.0, 0.0)),
-    ),
-    _ct(
-        *("ct-liver-vasculature", "vessels with contrast in a faint liver", "liver", (60.0, 350.0)),
-        *((70.0, 0.0), (100.0, 0.05), (140.0, 0.08), (190.0, 0.7), (350.0, 0.9)),
-    ),
+    *map(_ct, CT.strip().splitlines()),
     Preset("mr-default", "faint outside, denser with the value", "ivory", _mr, 0),
     Preset(
         *("mr-angio", "the brightest two percent: vessels of an angiogram", "fire"),
@@ -266,12 +239,7 @@ MEDICAL = (
         _percentiles((75.0, 0.0), (88.0, 0.15), (97.0, 0.5), (99.9, 0.85), window=(0.0, 97.0)),
     ),
     Preset("dti-fa", "anisotropy of diffusion, from 0 to 1", "spectrum", _fraction, shading=False),
-    Preset(
-        *("mip", "the largest value along each ray"),
-        *("gray", _maxima),
-        shading=False,
-        blend="mip",
-    ),
+    Preset("mip", "the largest value along each ray", "gray", _maxima, shading=False, blend="mip"),
 )
 
 
@@ -301,7 +269,7 @@ PRESETS = {
         Preset("microscopy", "bright structures on a dark ground", "glow", glow, shading=False),
         Preset("terrain", "everything above the lowest value, opaque", "terrain", solid),
         Preset("surface", "the object's surface", "ivory", surface),
-        Preset(FIELD, "a field of a simulation, its larger values denser", "viridis", field, shading=False),
+        Preset(FIELD, "a field of a simulation, its larger values denser", "viridis", FIELD_CURVE, shading=False),
         *MEDICAL,
     )
 }
@@ -415,11 +383,6 @@ def over_window(base: Transfer, low: float, high: float) -> Transfer:
     return replace(base, points=((low, 0.0), (high, SOLID)), window=(low, high)) if low < high else base
 
 
-def is_ct(volume: Volume) -> bool:
-    """Whether the values are in Hounsfield units, by the file or by their distribution."""
-    return volume.value_unit == "HU" or (not volume.value_unit and _is_hounsfield(statistics(volume)))
-
-
 # voxels from which noise that is drawn costs more than a moment
 DENSE = 1 << 20
 
@@ -449,7 +412,9 @@ def window_question(volume: Volume, window: Sequence[float]) -> str:
     """
     low, high = window
     is_custom = any(least <= low <= most for least, most in LEVELS) and high >= 2 * abs(low)
-    if not (is_custom and is_ct(volume)):
+    # by the file or by their distribution
+    is_ct = is_custom and (volume.value_unit == "HU" or (not volume.value_unit and _is_hounsfield(statistics(volume))))
+    if not is_ct:
         return ""
     return (
         f"--window {low:g},{high:g} spans {low:g} to {high:g} HU; if they are level and width, "

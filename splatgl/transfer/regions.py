@@ -310,7 +310,6 @@ class Region:
         return (size - low) / (high - low)
 
     def _density(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Extinction over the largest one."""
         if self.shape == "gaussian":
             return np.asarray(np.exp(-(x**2 + (2 * y - 1) ** 2) / (2 * DEVIATION**2)))
         return np.maximum(1 - np.abs(x) / np.maximum(y, 1e-12), 0.0)

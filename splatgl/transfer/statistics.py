@@ -72,18 +72,14 @@ def find_outliers(volume: Volume, sample: np.ndarray, values: np.ndarray) -> Out
     first, last = (volume.value_range if whole else None) or (rest[0], rest[-1])
     # lone voxels may be the object, unless they are saturated or extremely far
     spread = high - low
-    apart = spread * (1 if last in LARGEST_INTEGERS and not _varies_beyond(rest, high + spread) else UNUSUAL)
+    beyond = rest[_count_up_to(rest, high + spread) :]
+    is_saturated = last in LARGEST_INTEGERS and (not len(beyond) or beyond[0] == beyond[-1])
+    apart = spread * (1 if is_saturated else UNUSUAL)
     hot = OutlierValues(fills, low - UNUSUAL * spread, high + apart)
     if not 0 < spread < math.inf or (first >= hot.low and last <= hot.high):
         return OutlierValues(fills)
     flanks = OutlierValues(fills, low - FLANK * spread, high + FLANK * spread)
     return hot if _are_hot(volume, hot, flanks) and kind_of(volume)[0] != LABELS else OutlierValues(fills)
-
-
-def _varies_beyond(rest: np.ndarray, limit: float) -> bool:
-    """Whether there are several numbers beyond a limit."""
-    beyond = rest[np.searchsorted(rest, limit, side="right") :]
-    return bool(len(beyond) and beyond[0] != beyond[-1])
 
 
 def _pads(fill: float, rest: np.ndarray) -> bool:
@@ -373,12 +369,12 @@ def statistics(volume: Volume) -> Statistics:
         finite, sample = finite[far.near(finite)], np.where(far.near(sample), sample, np.nan)
     if len(finite) == 0:
         return Statistics(finite, 1.0, (), 0)
-    background = _share_of_lowest(finite)
+    background = _count_up_to(finite, finite[0]) / len(finite)
     noise = background_of(finite, NOISY) if background < SPARSE else None
     ground = background_of(finite, SPARSE) if noise is not None else None
     if ground is not None:
-        finite[: np.searchsorted(finite, ground.cut, side="right")] = ground.level
-        background = _share_of_lowest(finite)
+        finite[: _count_up_to(finite, ground.cut)] = ground.level
+        background = _count_up_to(finite, finite[0]) / len(finite)
     if background >= SPARSE and (1.0 - background) * len(finite) < FEW and volume.count <= MOST_WHOLE:
         finite = _foreground(volume, float(finite[0]), ground, far)
     cuts = _ladder(finite)
@@ -472,10 +468,6 @@ def sorted_percentile(values: np.ndarray, percent: float) -> float:
     if high / 2 - low / 2 > LARGEST_HALF:
         return low * (1 - share) + high * share
     return low + (high - low) * share if share < 0.5 else high - (high - low) * (1 - share)
-
-
-def _share_of_lowest(values: np.ndarray) -> float:
-    return float(np.searchsorted(values, values[0], side="right")) / len(values)
 
 
 def _small_level(volume: Volume) -> Volume:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -18,7 +18,6 @@ from splatgl.errors import InputError, expected
 from splatgl.fileio import load_table, parse_table, toml_value, write_file
 from splatgl.options import (
     HelpGroup,
-    Option,
     ValueKind,
     check_options,
     declared,
@@ -74,10 +73,6 @@ def _nodes(what: str, second: str, pairs: Any) -> Nodes:
     return tuple((float(value), float(share)) for value, share in array)
 
 
-def _points(pairs: Any) -> Nodes:
-    return _nodes("transfer points", "opacity", pairs)
-
-
 def _hull(regions: Sequence[Region], labels: Sequence[tuple[int, str, float]]) -> Nodes:
     """Points over the values of regions, transparent, or over the numbers of labels. Raises InputError for neither."""
     ends = [value for region in regions for value in region.values if np.isfinite(value)]
@@ -85,10 +80,6 @@ def _hull(regions: Sequence[Region], labels: Sequence[tuple[int, str, float]]) -
     if not ends:
         raise expected("transfer points", "at least one (value, opacity) pair, regions or labels", "none")
     return ((min(ends), 0.0), (max(ends), SOLID if labels else 0.0))
-
-
-def _unit(value: Any) -> Any:
-    return value if isinstance(value, str) and value == EXTENT else _LENGTH.check(value)
 
 
 def _colormap(name: Any) -> str:
@@ -129,16 +120,13 @@ class Transfer:
     ```
     """
 
-    points: Nodes = field(
-        default=(),
-        metadata={
-            "option": Option(
-                ValueKind("pairs", _points, read_pairs, "V:A,V:A…", hint="Sequence[Numbers]"),
-                "opacity A at value V, linear between",
-                HelpGroup.TRANSFER,
-                "basic",
-            )
-        },
+    points: Nodes = _option(
+        (),
+        ValueKind(
+            "pairs", partial(_nodes, "transfer points", "opacity"), read_pairs, "V:A,V:A…", hint="Sequence[Numbers]"
+        ),
+        "opacity A at value V, linear between",
+        level="basic",
     )
     colormap: str = _option(
         "gray",
@@ -153,7 +141,7 @@ class Transfer:
         None,
         ValueKind(
             f"a positive, finite length in world units, or {EXTENT}",
-            _unit,
+            lambda value: value if isinstance(value, str) and value == EXTENT else _LENGTH.check(value),
             lambda text: text if text == EXTENT else float(text),
             f"L|{EXTENT}",
             hint='float | Literal["extent"]',

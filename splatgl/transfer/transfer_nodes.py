@@ -9,7 +9,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -43,36 +43,26 @@ TOP = 99.9
 ColorPoints = Sequence[tuple[float, str]]
 
 
-class ValueOrPercentile(NamedTuple):
-    """A value, or a percentile of a volume's values."""
-
-    number: float
-    is_percentile: bool
-
-    @classmethod
-    def read(cls, what: str, text: str) -> ValueOrPercentile:
-        """Reads a number or P%. Raises InputError for other text."""
-        digits = text.strip()
-        percent = digits.endswith("%")
-        try:
-            number = float(digits.removesuffix("%"))
-        except ValueError:
-            number = np.nan
-        if not np.isfinite(number):
-            raise expected(what, "values, or percentiles such as 90%", repr(text[:80]))
-        if percent and not 0 <= number <= 100:
-            raise expected(what, "percentiles from 0% to 100%", text)
-        return cls(number, percent)
-
-    def value(self, what: str, stats: Statistics | None) -> float:
-        """The value. Raises InputError for a percentile without statistics."""
-        if not self.is_percentile:
-            return self.number
-        if stats is None:
-            raise expected(what, "values, or a volume whose percentiles are meant", f"{self.number:g}%")
-        if not len(stats.values):
-            raise expected(what, "values, as the volume has none", f"{self.number:g}%")
-        return stats.percentile(self.number)
+def read_value(what: str, text: str, stats: Statistics | None) -> float:
+    """A number, or P%, a percentile of a volume's values. Raises InputError for other text, and for a percentile
+    without statistics.
+    """
+    digits = text.strip()
+    try:
+        number = float(digits.removesuffix("%"))
+    except ValueError:
+        number = np.nan
+    if not np.isfinite(number):
+        raise expected(what, "values, or percentiles such as 90%", repr(text[:80]))
+    if not digits.endswith("%"):
+        return number
+    if not 0 <= number <= 100:
+        raise expected(what, "percentiles from 0% to 100%", text)
+    if stats is None:
+        raise expected(what, "values, or a volume whose percentiles are meant", f"{number:g}%")
+    if not len(stats.values):
+        raise expected(what, "values, as the volume has none", f"{number:g}%")
+    return stats.percentile(number)
 
 
 @public
@@ -124,7 +114,7 @@ def _ends(name: str, text: str, stats: Statistics | None) -> tuple[float, float]
     count = 1 if name == "step" else 2
     if len(parts) != count:
         raise expected("curve", f"{'one value' if count == 1 else 'two values'} for {name}", repr(text[:80]))
-    low, high = (ValueOrPercentile.read("curve", part).value("curve", stats) for part in (parts[0], parts[-1]))
+    low, high = (read_value("curve", part, stats) for part in (parts[0], parts[-1]))
     if count == 2 and not low < high:
         of = f", which are {low:g} and {high:g}" if "%" in text else ""
         raise expected("curve", f"the lower value of {name} first, and another one", f"{text}{of}")
@@ -207,8 +197,7 @@ def read_color_points(colors: Any, stats: Statistics | None) -> ColorPoints:
     for pair in pairs if isinstance(pairs, Sequence) else ():
         match pair:
             case [str() | int() | float() as value, name]:
-                level = ValueOrPercentile.read("colors", str(value)).value("colors", stats)
-                points.append((level, color_code("colors", name)))
+                points.append((read_value("colors", str(value), stats), color_code("colors", name)))
             case _:
                 raise expected("colors", form, repr(colors)[:80])
     if not points:

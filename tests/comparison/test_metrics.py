@@ -9,7 +9,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.comparison import metrics
-from splatgl.comparison.metrics import compare, exceeds_step
+from splatgl.comparison.metrics import compare, exceeds_threshold
 from splatgl.comparison.verdict import Pair
 from splatgl.data.color import srgb_from_linear
 
@@ -195,7 +195,7 @@ LEVELS = np.arange(256)
 def over(a: np.ndarray, b: np.ndarray, peak: float = 1.0) -> np.ndarray:
     """Of pictures from samples, uint8 [H, W, 4]."""
     x, y = (sg.Image.from_samples(samples.astype(np.uint8)).pixels * np.float32(peak) for samples in (a, b))
-    return exceeds_step(x, y, np.abs(x - y).max(axis=-1), peak)
+    return exceeds_threshold(x, y, np.abs(x - y).max(axis=-1), None, peak)
 
 
 def samples(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
@@ -243,7 +243,7 @@ def test_what_eyes_do_not_see_is_none() -> None:
     alpha = 10.0 ** rng.uniform(-8, 0, (50, 60, 1))
     b = np.concatenate([alpha * rng.random((50, 60, 3)), alpha], -1).astype(np.float32)
     a = b + rng.uniform(-3e-4, 3e-4, b.shape).astype(np.float32)
-    assert not exceeds_step(a, b, np.abs(a - b).max(axis=-1), 1.0).any()
+    assert not exceeds_threshold(a, b, np.abs(a - b).max(axis=-1), None, 1.0).any()
 
 
 @pytest.mark.parametrize("kind", ["dark object", "thin haze"])

@@ -8,7 +8,7 @@ import pytest
 import splatgl as sg
 from splatgl.geometry.clipping import FACE
 from splatgl.gl.features import base_of, box_uniforms
-from splatgl.reference.layers import BoxCrossings, BoxScene
+from splatgl.reference.layers import BoxScene
 from splatgl.reference.rays import Rays, index_rays
 from tests.helpers.boxes import noise as labels_of_noise
 from tests.helpers.boxes import splats_of
@@ -30,7 +30,7 @@ def box_ray(rays: Rays, speed: np.ndarray, base: np.ndarray) -> np.ndarray:
 
 def box_light(scene: BoxScene, rays: Rays, ends: np.ndarray) -> np.ndarray:
     every = np.arange(len(ends))
-    return np.stack(scene._shade(BoxCrossings(every, every, ends.T), rays), axis=1)
+    return np.stack(scene._shade(every, ends.T, rays), axis=1)
 
 
 @pytest.mark.parametrize("view", ["fitted", "parallel"])

@@ -184,12 +184,12 @@ def met(splats: sg.Splats, camera: sg.Camera) -> tuple[float, float]:
     pixels = camera.size[0] * camera.size[1]
     count, depth = np.zeros(pixels), np.zeros(pixels)
     length, share = splats.records["optical_depth"], scene.row.coverage()
-    for found in pair_values(
-        scene.row, scene.boxes, scene.order, Pixels.of_rows(camera.size, 0, camera.size[1]), camera
+    for splat, pixel, _ in pair_values(
+        scene.row, scene.boxes, scene.order, Pixels.of(camera.size, np.arange(pixels)), camera
     ):
-        count += np.bincount(found.pixel, minlength=pixels)
-        weight = length[found.splat] * share[found.splat]
-        depth += np.bincount(found.pixel, weight * (1.0 if splats.grid.cubic else 0.0), minlength=pixels)
+        count += np.bincount(pixel, minlength=pixels)
+        weight = length[splat] * share[splat]
+        depth += np.bincount(pixel, weight * (1.0 if splats.grid.cubic else 0.0), minlength=pixels)
     return float(count.max()), float(depth.max())
 
 

@@ -12,7 +12,7 @@ from splatgl.planning.culling import back_to_front, order_for
 from splatgl.planning.resolve import Resolved
 from splatgl.planning.scene import resolve_scene
 from splatgl.reference import rays
-from splatgl.reference.blend import ADD, Accumulator, BlendTerms, CompensatedSum, pixel_means
+from splatgl.reference.blend import ADD, Accumulator, CompensatedSum, pixel_means
 from splatgl.reference.rays import PixelBoxes, Pixels, pixel_boxes, splats_may_reach
 from splatgl.reference.renderer import render, render_pixels
 from splatgl.splat.footprint import ROWS, Splat
@@ -106,8 +106,7 @@ def test_sums_keep_what_rounding_takes() -> None:
     assert kept.value[0] == pytest.approx(1e-7, rel=1e-12, abs=0)
     faint = 1e-7 * np.arange(1, 5)
     band, depth = Accumulator.empty(2), np.concatenate([[1e9], faint])
-    part = BlendTerms(np.array([0, 1, 1, 1, 1]), depth, np.eye(5)[:, 2:], np.ones(5))
-    ADD["over"](band, part)
+    ADD["over"](band, np.array([0, 1, 1, 1, 1]), depth, np.eye(5)[:, 2:], np.ones(5))
     before = np.concatenate([[0], np.cumsum(faint)])
     right = -np.expm1(-faint) * np.exp(-before[:-1])
     assert band.color.value[1] == pytest.approx(right[1:], rel=1e-14, abs=0)

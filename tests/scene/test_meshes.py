@@ -119,7 +119,7 @@ def test_rays_cross_balls_where_spheres_are() -> None:
     """Distances and normals of a fine ball against the closed form of a sphere."""
     ball = sg.Mesh.of_points([[0, 30, 0]], 5.0, color=(1, 1, 1))
     camera = sg.Camera.look_at((0, 0, 0), (0, 1, 0), (0, 0, 1), 15, (32, 32))
-    found = crossings([ball], camera, Pixels.of_rows((32, 32), 0, 32), LIGHTS["head"])
+    distance, light, _ = crossings([ball], camera, Pixels.of((32, 32), np.arange(32 * 32)), LIGHTS["head"])
     x, y = np.meshgrid(*camera.slopes())
     ray = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
     ray /= np.linalg.norm(ray, axis=1)[:, None]
@@ -128,11 +128,11 @@ def test_rays_cross_balls_where_spheres_are() -> None:
     hit = inside > 6.0
     assert hit.sum() > 300
     for n, sign in enumerate((-1, 1)):
-        assert np.abs(found.distance[hit, n] - (along + sign * np.sqrt(np.abs(inside)))[hit]).max() < 0.2
-    normal = ray[hit] * found.distance[hit, :1] - [0, 0, 30]
+        assert np.abs(distance[hit, n] - (along + sign * np.sqrt(np.abs(inside)))[hit]).max() < 0.2
+    normal = ray[hit] * distance[hit, :1] - [0, 0, 30]
     cosine = np.abs((normal * ray[hit]).sum(axis=1)) / np.linalg.norm(normal, axis=1)
-    assert np.abs(found.light[hit, 0, 0] - AMBIENT - DIFFUSE * cosine).max() < 0.01
-    assert np.isinf(found.distance[inside < -3.0]).all()
+    assert np.abs(light[hit, 0, 0] - AMBIENT - DIFFUSE * cosine).max() < 0.01
+    assert np.isinf(distance[inside < -3.0]).all()
 
 
 def test_edges_are_sharp_and_round_things_smooth() -> None:

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from types import SimpleNamespace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.data.arrays import of_napari
+from splatgl.data.arrays import volume_of_level
 from splatgl.data.image import Image
-from splatgl.data.volume import ArrayOptions, Volume
+from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.geometry.camera import Camera
 from splatgl.gl.renderer import shared_renderer
@@ -125,20 +125,13 @@ def volume_of(layer: Any, viewer: Any) -> Volume:
     # levels may be coarser along the axes of sliders, too
     data = [level[tuple(index * level.shape[:lead] // levels[0].shape[:lead])] for level in levels]
     chosen = np.asarray(next((x for x in data if np.prod(x.shape[:3], dtype=float) <= MOST_VOXELS), data[-1]))
-    samples, color = chosen, None
-    shown = SimpleNamespace(kind=kind_of(layer), name=layer.name, units=getattr(layer, "units", None), multiscale=True)
-    shown.data_to_world = lambda at: np.asarray(layer.data_to_world((*index, *at)))[-3:]
-    if getattr(layer, "rgb", False):
-        full = float(np.iinfo(chosen.dtype).max) if chosen.dtype.kind == "u" else 1.0
-        color = np.rint(255 * np.clip(chosen / full, 0.0, 1.0)).astype(np.uint8)
-        samples = color[..., 3] if color.shape[-1] == 4 else color.max(axis=-1)
-        shown.contrast_limits, shown.colormap = (0.0, 255.0), SimpleNamespace(name="gray")
-    elif shown.kind == "Image":
-        shown.contrast_limits, shown.colormap = layer.contrast_limits, layer.colormap
-    # the finest level places the others
-    shown.data = [np.broadcast_to(samples.dtype.type(0), data[0].shape[:3]), samples]
-    volume = of_napari(shown, ArrayOptions()).coarser[0]
-    return volume if color is None else replace(volume, color=np.ascontiguousarray(color[..., :3]))
+    place = partial(volume_of_level, layer, index, data[0].shape[:3])
+    if not getattr(layer, "rgb", False):
+        return place(chosen, labels=() if kind_of(layer) == "Labels" else None)
+    full = float(np.iinfo(chosen.dtype).max) if chosen.dtype.kind == "u" else 1.0
+    color = np.rint(255 * np.clip(chosen / full, 0.0, 1.0)).astype(np.uint8)
+    samples = color[..., 3] if color.shape[-1] == 4 else color.max(axis=-1)
+    return place(samples, color=np.ascontiguousarray(color[..., :3]))
 
 
 def _transfer(layer: Any, volume: Volume, settings: Settings) -> Transfer:

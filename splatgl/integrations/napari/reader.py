@@ -12,6 +12,7 @@ import numpy as np
 from splatgl import readers
 from splatgl.data.color import color_of_dye
 from splatgl.data.volume import Volume
+from splatgl.integrations.exchange import lazy_samples
 from splatgl.readers import formats
 from splatgl.transfer.statistics import sampled_steps
 
@@ -55,7 +56,7 @@ def read(path: str | Sequence[str]) -> list[LayerData]:
 def _layer(path: str, first: Volume, number: int, channel: Volume) -> LayerData:
     several = first.times > 1
     levels = (channel, *channel.coarser)
-    data = [_lazy(level.samples if level.color is None else level.color) for level in levels]
+    data = [lazy_samples(level.samples if level.color is None else level.color) for level in levels]
     if several:
         data = [_times(data[0], first.times, partial(_time, path, number))]
     metadata: dict[str, Any] = {"frame": channel.frame, "notes": first.notes}
@@ -67,16 +68,6 @@ def _layer(path: str, first: Volume, number: int, channel: Volume) -> LayerData:
         return shown, {**keywords, "rgb": True}, "image"
     limits = _range(data[0]) if several and isinstance(channel.samples, np.ndarray) else {}
     return shown, {**keywords, **limits, **_display(channel, len(first.channels) > 1)}, "image"
-
-
-def _lazy(samples: Any) -> Any:
-    """A NumPy array unchanged; an array that is read in parts as a Dask array."""
-    if isinstance(samples, np.ndarray):
-        return samples
-    import dask.array
-
-    chunks, meta = getattr(samples, "chunks", "auto"), np.empty((0,) * len(samples.shape), samples.dtype)
-    return dask.array.from_array(samples, chunks=chunks, name=False, meta=meta)
 
 
 def _time(path: str, channel: int, time: int) -> Any:
