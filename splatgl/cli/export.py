@@ -27,8 +27,7 @@ from splatgl.data.arrays import ArrayWindow
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Places, Volume, triple, with_parts
 from splatgl.errors import expected, import_extra
-from splatgl.exporters.api import ExportOptions
-from splatgl.exporters.api import write as write_scene
+from splatgl.exporters.api import Exporter, ExportOptions
 from splatgl.fileio import atomic_folder, check_folder, check_output, check_source
 from splatgl.geometry.clipping import crop_ends
 from splatgl.options import ValueKind, declared
@@ -71,7 +70,7 @@ def run_export(args: argparse.Namespace) -> int:
     words = [Path(word).name if os.path.exists(word) else word for word in sys.argv[1:]]
     how = replace(record_of(args, DrawOptions), check=0)
     tell = (lambda line: None) if args.quiet else lambda line: print(f"{path}: {line}")
-    write_scene(scene, path, options, how, shlex.join(["splatgl", *words]), tell)
+    Exporter(scene, options, how, shlex.join(["splatgl", *words]), tell).write(path)
     return 0
 
 

@@ -13,7 +13,7 @@ from splatgl.coercion import public
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source, format_bytes, within, write_file
 from splatgl.options import HelpGroup, OptionGroup, ValueKind, check_options, keywords_of, names_of, option
-from splatgl.scene.api import opened, scene_of, ungrouped, with_groups
+from splatgl.scene.api import opened, scene_of, with_groups
 from splatgl.scene.draw import DrawOptions, SubjectView, bytes_kind
 from splatgl.scene.open_scene import OpenScene
 
@@ -114,7 +114,7 @@ def export(
     sg.export("head.nii.gz", splats=100_000)  # in a notebook
     ```
     """
-    given, (look, view, base) = ungrouped(options, transfer, camera, settings)
+    given: dict[str, Any] = {**options}
     own = ExportOptions(**{name: given.pop(name) for name in names_of(ExportOptions) if name in given})
     target, source = None if path is None else Path(path), str(x) if isinstance(x, str | Path) else None
     if target is not None:
@@ -123,90 +123,83 @@ def export(
         raise expected("path", "a file to write", "none", "without one there are pages alone")
     shown = [f"{name}={value!r}" for name, value in options.items() if isinstance(value, str | int | float)]
     words = [repr(Path(source).name) if source else "…", *([repr(target.name)] if target else []), *shown]
-    with within(given.get("memory")):
-        scene, how = (
-            opened(scene_of(x, look, view, base, given)),
-            DrawOptions(is_shared=True, memory=given.get("memory")),
-        )
-        command = f"sg.export({', '.join(words)})"
+    how = DrawOptions(is_shared=True, memory=options.get("memory"))
+    with within(how.memory):
+        scene = opened(scene_of(x, transfer, camera, settings, given))
+        exporter = Exporter(scene, own, how, f"sg.export({', '.join(words)})")
         if target is None:
-            return make_page(scene, own, how, command, lambda line: None)
-        write(scene, target, own, how, command, lambda line: None)
+            return exporter.page()
+        exporter.write(target)
     return target
 
 
-def make_page(
-    scene: OpenScene | SubjectView, options: ExportOptions, how: DrawOptions, command: str, tell: Callable[[str], None]
-) -> WebPage:
-    """The page of a scene, as of `write`. Raises InputError for a larger one than options allow."""
-    from splatgl.exporters.page import WebPage
+@dataclass(frozen=True)
+class Exporter:
+    """Writes a scene. command: that a page names. tell: is called with lines on a file, before it is written."""
 
-    page = WebPage.of(scene, how, options.splats, options.bits, command)
-    for line in (page.summary, *page.notes):
-        tell(line)
-    if (size := len(page.html.encode())) > options.max_size:
-        this = f"a page of at most {format_bytes(options.max_size)}"
-        raise expected("max_size", this, format_bytes(size), "lower --splats, or raise --max-size")
-    return page
+    scene: OpenScene | SubjectView
+    options: ExportOptions
+    how: DrawOptions
+    command: str
+    tell: Callable[[str], None] = lambda line: None
 
+    def write(self, path: Path) -> None:
+        """Writes a file, or nothing. Raises InputError as `export`."""
+        kind = self.options.check(path)
+        if kind == "glb":
+            self._write_surfaces(path)
+        else:
+            write_file(path, self.page().html.encode() if kind == "html" else self._gaussians(kind))
 
-def write(
-    scene: OpenScene | SubjectView,
-    path: Path,
-    options: ExportOptions,
-    how: DrawOptions,
-    command: str,
-    tell: Callable[[str], None],
-) -> None:
-    """Writes a scene. command: that a page names. tell: is called with lines on it, before it is written."""
-    kind = options.check(path)
-    if kind == "glb":
-        write_surfaces(scene, path, tell)
-    elif kind == "html":
-        write_file(path, make_page(scene, options, how, command, tell).html.encode())
-    else:
-        write_gaussians(scene, path, kind, options, tell)
+    def page(self) -> WebPage:
+        """The page of the scene. Raises InputError for a larger one than options allow."""
+        from splatgl.exporters.page import WebPage
 
+        options = self.options
+        page = WebPage.of(self.scene, self.how, options.splats, options.bits, self.command)
+        for line in (page.summary, *page.notes):
+            self.tell(line)
+        if (size := len(page.html.encode())) > options.max_size:
+            this = f"a page of at most {format_bytes(options.max_size)}"
+            raise expected("max_size", this, format_bytes(size), "lower --splats, or raise --max-size")
+        return page
 
-def write_gaussians(
-    scene: OpenScene | SubjectView, path: Path, kind: str, options: ExportOptions, tell: Callable[[str], None]
-) -> None:
-    """Writes the splats of a scene as 3-D Gaussians, lit as in its view."""
-    from splatgl.exporters.layers import quantize
-    from splatgl.exporters.page import page_settings
-    from splatgl.planning.plan import plan
-    from splatgl.splat.lighting import surface_light
-    from splatgl.writers.gaussians import Gaussians
+    def _gaussians(self, kind: str) -> bytes:
+        """The splats as 3-D Gaussians, lit as in the view; kind: ply or spz."""
+        from splatgl.exporters.layers import quantize
+        from splatgl.exporters.page import page_settings
+        from splatgl.planning.plan import plan
+        from splatgl.splat.lighting import surface_light
+        from splatgl.writers.gaussians import Gaussians
 
-    notes, settings, camera = list[str](), page_settings(scene.settings), scene.camera
-    splats = quantize(scene, settings, options.splats, options.bits, notes)
-    planned = plan(splats.outline, camera, settings)
-    light, model = np.ones(len(splats)), planned.program.appearance.light
-    if planned.program.appearance.shading:
-        along = splats.world - camera.eye if camera.perspective else np.broadcast_to(camera.forward, (len(splats), 3))
-        along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-30)
-        light = surface_light(splats.normals, along, model, model.within(camera))[0]
-    found = Gaussians.of(splats, planned.kernel, light)
-    shape = f"their footprints are within {found.rmse:.1%} of the peak (RMSE) of those of kernel {planned.kernel.name}"
-    for line in (f"{splats.counted(' 3-D Gaussians')}, lit as in the first view; {shape}", *notes):
-        tell(line)
-    write_file(path, found.ply() if kind == "ply" else found.spz())
+        notes, settings, camera = list[str](), page_settings(self.scene.settings), self.scene.camera
+        splats = quantize(self.scene, settings, self.options.splats, self.options.bits, notes)
+        planned = plan(splats.outline, camera, settings)
+        light, model = np.ones(len(splats)), planned.program.appearance.light
+        if planned.program.appearance.shading:
+            along = splats.world - camera.eye if camera.perspective else np.tile(camera.forward, (len(splats), 1))
+            along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-30)
+            light = surface_light(splats.normals, along, model, model.within(camera))[0]
+        found = Gaussians.of(splats, planned.kernel, light)
+        shape = f"footprints within {found.rmse:.1%} of the peak (RMSE) of those of kernel {planned.kernel.name}"
+        for line in (f"{splats.counted(' 3-D Gaussians')}, lit as in the first view; {shape}", *notes):
+            self.tell(line)
+        return found.ply() if kind == "ply" else found.spz()
 
+    def _write_surfaces(self, path: Path) -> None:
+        """Writes iso-surfaces, meshes and streamlines. Raises InputError if there are none."""
+        from splatgl.planning.scene import Scene
+        from splatgl.writers.surface import iso_mesh, save_meshes
 
-def write_surfaces(scene: OpenScene | SubjectView, path: Path, tell: Callable[[str], None]) -> None:
-    """Writes iso-surfaces, meshes and streamlines of a scene. Raises InputError if there are none."""
-    from splatgl.planning.scene import Scene
-    from splatgl.writers.surface import iso_mesh, save_meshes
-
-    subject = scene.scene if isinstance(scene, OpenScene) else scene.subject
-    meshes = list(subject.surfaces(scene.settings))
-    for layer in subject.shown if isinstance(subject, Scene) else ():
-        for surface in layer.faded.iso:
-            color = surface.color or layer.faded.color(surface.value).tolist()
-            mesh, name = iso_mesh(layer.volume, surface.value), f"{layer.volume.name} {surface.value:g}".strip()
-            meshes.append(replace(mesh, color=color, opacity=surface.opacity, name=name))
-    if not meshes:
-        fix = "--iso VALUE, --surfaces, --mesh or --streamlines adds some"
-        raise expected(path, "iso-surfaces, meshes or streamlines", "none", fix)
-    save_meshes(meshes, path)
-    tell(f"{len(meshes)} surface{'s' * (len(meshes) != 1)}, {sum(map(len, meshes)):,} triangles")
+        subject = self.scene.scene if isinstance(self.scene, OpenScene) else self.scene.subject
+        meshes = list(subject.surfaces(self.scene.settings))
+        for layer in subject.shown if isinstance(subject, Scene) else ():
+            for surface in layer.faded.iso:
+                color = surface.color or layer.faded.color(surface.value).tolist()
+                mesh, name = iso_mesh(layer.volume, surface.value), f"{layer.volume.name} {surface.value:g}".strip()
+                meshes.append(replace(mesh, color=color, opacity=surface.opacity, name=name))
+        if not meshes:
+            fix = "--iso VALUE, --surfaces, --mesh or --streamlines adds some"
+            raise expected(path, "iso-surfaces, meshes or streamlines", "none", fix)
+        save_meshes(meshes, path)
+        self.tell(f"{len(meshes)} surface{'s' * (len(meshes) != 1)}, {sum(map(len, meshes)):,} triangles")

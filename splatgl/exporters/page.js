@@ -38,14 +38,11 @@ async function inflated(bytes) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-// The words of all splats, four each, in rows of a texture.
-function unpackSplats(planes, about, count, row) {
-  const rows = Math.max(1, Math.ceil(count / row));
-  const bytes = new Uint8Array(rows * row * 16);
-  about.forEach(([kind, number], at) => {
-    for (let n = 0; n < count; n++)
-      bytes[16 * n + at] = kind === 0 ? number : kind === 1 ? bytes[16 * n + number] : planes[number * count + n];
-  });
+// The words of all splats, four each, in rows of a texture, from planes of their bytes.
+function unpackSplats(planes, count, row) {
+  const rows = Math.max(1, Math.ceil(count / row)), bytes = new Uint8Array(rows * row * 16);
+  for (let at = 0; at < 16; at++) for (let n = 0; n < count; n++) bytes[16 * n + at] = planes[at * count + n];
+  for (let n = 0; n < count; n++) bytes[16 * n + 6] ^= bytes[16 * n + 7];
   const halves = new Uint16Array(bytes.buffer);
   for (let n = 1; n < count; n++) for (let k = 0; k < 3; k++) halves[8 * n + k] += halves[8 * n - 8 + k];
   return { words: new Uint32Array(bytes.buffer), halves, rows };
@@ -578,7 +575,7 @@ async function start() {
   const scene = read("scene"), view = new View(document, scene);
   try {
     const planes = await inflated(bytesOf(document.getElementById("splats").textContent.trim()));
-    view.begin(new Painter(view.canvas, scene, read("shaders"), unpackSplats(planes, scene.planes, scene.count, scene.row)));
+    view.begin(new Painter(view.canvas, scene, read("shaders"), unpackSplats(planes, scene.count, scene.row)));
   } catch (error) {
     document.getElementById("state").textContent = `This picture stands still: ${error.message}.`;
     document.getElementById("controls").hidden = true;

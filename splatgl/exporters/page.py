@@ -126,16 +126,11 @@ class WebPage:
     @cached_property
     def html(self) -> str:
         """The text of the page."""
-        here, (data, planes) = files("splatgl.exporters"), self.splats.packed()
-        names, (width, height) = [layer.name for layer in self.splats.layers if layer.name], self.scene.camera.size
+        here, (width, height) = files("splatgl.exporters"), self.scene.camera.size
+        names = [layer.name for layer in self.splats.layers if layer.name]
         annotated = self.scene.file.annotate if isinstance(self.scene, OpenScene) else ()
         stated = [name.removeprefix("title=") for name in annotated if name.startswith("title=")]
         title = escape(next(iter(stated), "") or self.source or ", ".join(names) or "splatgl")
-        sides = [
-            f'<option value="{number}{sign}">from {side} {axis}</option>'
-            for number, axis in enumerate("xyz")
-            for sign, side in (("-", "low"), ("+", "high"))
-        ]
         return Template(here.joinpath("page.html").read_text("utf-8")).substitute(
             version=__version__,
             title=title,
@@ -143,12 +138,11 @@ class WebPage:
             height=height,
             picture=b64encode(self.image.encoded(Path("x.png"), 8, self.scene.settings.ground)).decode(),
             window="" if any(not layer.own for layer in self.splats.layers) else "disabled",
-            sides="".join(sides),
             antialias="" if self.planned.settings.antialias == "off" else "checked",
             about=self._about(names),
-            scene=_json(self._described() | {"planes": planes}),
+            scene=_json(self._described()),
             shaders=_json(web_shaders(self.planned)),
-            splats=b64encode(data).decode(),
+            splats=b64encode(self.splats.packed()).decode(),
             script=here.joinpath("page.js").read_text("utf-8"),
         )
 

@@ -130,14 +130,14 @@ def _buried(cells: np.ndarray, depth: np.ndarray) -> np.ndarray:
 
 
 class VoxelBlocks(NamedTuple):
-    """Blocks of voxels. order [N]: Morton's, of the voxels. By level from 1: members, numbers of voxels in blocks;
-    parents, numbers of the blocks twice as large; cost, of joining per saved splat.
+    """Blocks of voxels. order [N]: Morton's, of the voxels; key [N]: their places in it. members and cost [LEVELS, B],
+    of the larger blocks around each of the smallest: numbers of voxels, and cost of joining per saved splat.
     """
 
     order: np.ndarray
-    members: list[np.ndarray]
-    parents: list[np.ndarray]
-    cost: list[np.ndarray]
+    key: np.ndarray
+    members: np.ndarray
+    cost: np.ndarray
 
     @classmethod
     def of(cls, matter: Matter) -> VoxelBlocks:
@@ -153,7 +153,7 @@ class VoxelBlocks(NamedTuple):
         lit = 0.7 * matter.color.mean(axis=1, keepdims=True) * matter.normal
         sums = (np.concatenate([matter.color, lit, np.ones((len(cells), 1))], axis=1) * opacity[:, None])[order]
         squares, starts, opacity = (sums * sums).sum(axis=1), [np.arange(len(key))], opacity[order]
-        blocks = cls(order, [], [], [])
+        found = list[tuple[np.ndarray, np.ndarray]]()
         for level in range(LEVELS):
             start = np.flatnonzero(np.diff(key >> 3 * (level + 1), prepend=-1))
             groups = np.searchsorted(starts[-1], start)
@@ -165,49 +165,35 @@ class VoxelBlocks(NamedTuple):
             spread = np.where(leak > 0, spread + LEAK * 2**level * leak, HIDDEN * spread)
             # equal blocks are told apart, so that some of them can be joined
             apart = (spread + 1e-9) * (1 + 0.01 * (np.arange(len(spread)) * 0.618034 % 1))
-            blocks.cost.append(np.where(members > 1, apart, np.inf) / np.maximum(members - 1, 1))
-            blocks.members.append(members)
-            if level:
-                blocks.parents.append(np.searchsorted(start, starts[-1], side="right") - 1)
             starts.append(start)
-        return blocks
+            around = np.searchsorted(start, starts[1], side="right") - 1
+            cost = np.where(members > 1, apart, np.inf) / np.maximum(members - 1, 1)
+            found.append((members[around], cost[around]))
+        return cls(order, key, *map(np.stack, zip(*found, strict=True)))
 
-    def chosen(self, limit: float) -> list[np.ndarray]:
-        """bool by level: the blocks that are joined, of which none is within another."""
-        covered = self.cost[-1] <= limit
-        found = [covered]
-        for cost, parents in zip(self.cost[-2::-1], self.parents[::-1], strict=True):
-            within, join = covered[parents], cost <= limit
-            found.insert(0, join & ~within)
-            covered = join | within
-        return found
+    def levels(self, limit: float) -> np.ndarray:
+        """[B]: levels of the largest blocks that are joined, 0 for none."""
+        return np.asarray((np.arange(1, LEVELS + 1)[:, None] * (self.cost <= limit)).max(axis=0))
 
     def count(self, limit: float) -> int:
         """Number of splats."""
-        chosen = zip(self.members, self.chosen(limit), strict=True)
-        return len(self.order) - sum(int((members[join] - 1).sum()) for members, join in chosen)
+        level = self.levels(limit)
+        joined = np.take_along_axis(self.members, np.maximum(level - 1, 0)[None], axis=0)[0]
+        return round(float((self.members[0] / np.where(level, joined, 1)).sum()))
 
     def numbers(self, limit: float) -> tuple[np.ndarray, np.ndarray]:
         """Of each voxel [N] in order: the number of its splat, and the level of its block, 0 outside of blocks."""
-        number, size, count = np.full(len(self.order), -1), np.zeros(len(self.order), np.uint8), 0
-        for level, (members, join) in enumerate(zip(self.members, self.chosen(limit), strict=True), 1):
-            inside, splats = np.repeat(join, members), int(join.sum())
-            number[inside], size[inside] = np.repeat(np.arange(count, count + splats), members[join]), level
-            count += splats
-        alone = number < 0
-        number[alone] = count + np.arange(int(alone.sum()))
-        return number, size
+        level = np.repeat(self.levels(limit), self.members[0])
+        begins = (np.diff(self.key >> 3 * level, prepend=-1) != 0) | (np.diff(level, prepend=0) != 0)
+        return np.cumsum(begins) - 1, level
 
 
 def _ray_depth(cells: np.ndarray, depth: np.ndarray, number: np.ndarray, size: np.ndarray) -> np.ndarray:
     """Depth per voxel [blocks] of the mean opacity of the rays through each block along the axes."""
     side = 1 << size.astype(np.int64)
     first = np.concatenate([[0], np.cumsum(side * side)])
-    block, total, within = (
-        np.repeat(np.arange(len(side)), np.diff(first)),
-        np.zeros(len(side)),
-        cells % side[number, None],
-    )
+    block, total = np.repeat(np.arange(len(side)), np.diff(first)), np.zeros(len(side))
+    within = cells % side[number, None]
     for axis in range(3):
         one, two = np.delete(within, axis, axis=1).T
         column = np.bincount(first[number] + one * side[number] + two, depth, first[-1])
@@ -317,23 +303,14 @@ class QuantizedSplats:
         color = np.where(own[:, 3:] > 0, linear_from_srgb(own[:, :3] / 255), matter[:, :3])
         return color, matter[:, 3] * 2.0 ** ((SHARE_ONE - self.records["share"].astype(np.float64)) / SHARE_STEPS)
 
-    def packed(self) -> tuple[bytes, list[list[int]]]:
-        """Deflated planes of bytes, and for each of the 16 bytes of a splat: [0, value] of all splats, [1, the earlier
-        byte it equals] or [2, its number among the planes]. Positions are differences from the splat before.
+    def packed(self) -> bytes:
+        """The deflated planes of the 16 bytes of a splat: positions as differences from the splat before, low bytes of
+        values as differences from the high ones.
         """
-        steps, about, kept = self.records.copy(), list[list[int]](), list[bytes]()
+        steps = self.records.copy()
         steps["position"][1:] -= self.records["position"][:-1]
-        planes = steps.view(np.uint8).reshape(-1, QUANTIZED.itemsize).T
-        for number, plane in enumerate(planes):
-            twin = next((n for n in range(number) if about[n][0] == 2 and (planes[n] == plane).all()), None)
-            if (plane == plane[0]).all():
-                about.append([0, int(plane[0])])
-            elif twin is not None:
-                about.append([1, twin])
-            else:
-                about.append([2, len(kept)])
-                kept.append(plane.tobytes())
-        return zlib.compress(b"".join(kept)), about
+        steps["value"] ^= steps["value"] >> 8
+        return zlib.compress(np.ascontiguousarray(steps.view(np.uint8).reshape(-1, QUANTIZED.itemsize).T).tobytes())
 
 
 def _records(matter: Matter, number: int, step: float, bits: int) -> np.ndarray:

@@ -31,10 +31,8 @@ class PageSplats:
         self.scene: dict[str, Any] = json.loads(part(html, "scene"))
         count = self.scene["count"]
         planes = np.frombuffer(zlib.decompress(base64.b64decode(part(html, "splats"))), np.uint8).reshape(-1, count)
-        columns = list[np.ndarray]()
-        for kind, number in self.scene["planes"]:
-            columns.append((columns if kind == 1 else planes)[number] if kind else np.full(count, number, np.uint8))
-        byte = np.stack(columns, axis=1).astype(np.int64)
+        byte = planes.T.astype(np.int64)
+        byte[:, 6] ^= byte[:, 7]
         halves = byte[:, 0:6:2] + 256 * byte[:, 1:6:2]
         self.steps = np.cumsum(halves, axis=0) % 65536
         self.position = self.steps * self.scene["step"]
