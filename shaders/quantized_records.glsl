@@ -1,4 +1,4 @@
-// Decodes a splat of a web page from a texel, see splatgl/exporters/quantized.py. Twin of records.glsl.
+// Decodes a splat of a web page from a texel, see splatgl/splat/quantized.py. Twin of records.glsl.
 #constant QUANTIZED_ROW  // texels in a row of the texture of splats
 #constant CLASSES        // entries of a layer's table
 #constant SHARE_STEPS    // steps of a share of optical depth in an octave, and the step of 1

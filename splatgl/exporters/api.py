@@ -166,20 +166,20 @@ class Exporter:
 
     def _gaussians(self, kind: str) -> bytes:
         """The splats as 3-D Gaussians, lit as in the view; kind: ply or spz."""
-        from splatgl.exporters.layers import quantize
+        from splatgl.exporters.layers import join_layers
         from splatgl.exporters.page import page_settings
         from splatgl.planning.plan import plan
         from splatgl.splat.lighting import surface_light
         from splatgl.writers.gaussians import Gaussians
 
         notes, settings, camera = list[str](), page_settings(self.scene.settings), self.scene.camera
-        splats = quantize(self.scene, settings, self.options.splats, self.options.bits, notes)
+        splats = join_layers(self.scene, settings, self.options.splats, notes)
         planned = plan(splats.outline, camera, settings)
         light, model = np.ones(len(splats)), planned.program.appearance.light
         if planned.program.appearance.shading:
             along = splats.world - camera.eye if camera.perspective else np.tile(camera.forward, (len(splats), 1))
             along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-30)
-            light = surface_light(splats.normals, along, model, model.within(camera))[0]
+            light = surface_light(splats.column("normal"), along, model, model.within(camera))[0]
         found = Gaussians.of(splats, planned.kernel, light)
         shape = f"footprints within {found.rmse:.1%} of the peak (RMSE) of those of kernel {planned.kernel.name}"
         for line in (f"{splats.counted(' 3-D Gaussians')}, lit as in the first view; {shape}", *notes):

@@ -14,7 +14,7 @@ from splatgl.planning.resolve import select_splats
 from splatgl.planning.scene import Layer, Scene
 from splatgl.scene.draw import SubjectView
 from splatgl.scene.open_scene import OpenScene
-from splatgl.splat.quantized import CLASSES, Matter, QuantizedLayer, QuantizedSplats
+from splatgl.splat.quantized import CLASSES, JoinedMatter, Matter, QuantizedLayer
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats, is_points
 
@@ -26,11 +26,9 @@ HEADROOM = 8.0
 LayerSplats = tuple[Splats, Layer | None]
 
 
-def quantize(
-    scene: OpenScene | SubjectView, settings: Settings, most: int, bits: int, notes: list[str]
-) -> QuantizedSplats:
-    """The splats of a scene, classified before reconstruction, at most `most`; bits: of values. Adds notes. Raises
-    InputError for iso-surfaces and for a scene without visible voxels.
+def join_layers(scene: OpenScene | SubjectView, settings: Settings, most: int, notes: list[str]) -> JoinedMatter:
+    """The splats of a scene, classified before reconstruction, at most `most`. Adds notes. Raises InputError for
+    iso-surfaces and for a scene without visible voxels.
     """
     layers = [layer for layer in _layers(scene, settings, notes) if len(layer[0])]
     if not layers:
@@ -43,7 +41,7 @@ def quantize(
     layers = [layer for layer in layers if len(layer[0])]
     low = np.floor(np.min([_in_cells(splats, base.grid).min(axis=0) for splats, _ in layers], axis=0))
     moved = replace(base.grid, origin=base.grid.world_from_index @ low + base.grid.origin)
-    return QuantizedSplats.of([_matter(*layer, base.grid, low) for layer in layers], moved, most, bits)
+    return JoinedMatter.of([_matter(*layer, base.grid, low) for layer in layers], moved, most)
 
 
 def _rank(splats: Splats) -> tuple[bool, float]:
@@ -65,7 +63,7 @@ def _layers(scene: OpenScene | SubjectView, settings: Settings, notes: list[str]
     if any(layer.seen.iso for layer in subject.shown):
         raise expected("iso", "no iso-surfaces among splats", "some", "write them as .glb")
     if subject.meshes:
-        notes.append("meshes and slices are not in the page")
+        notes.append("meshes and slices are left out")
     return [
         (select_splats(splats, replace(settings, clip=(*settings.clip, *planes)), False), layer)
         for splats, planes, layer in zip(subject.splats(settings), subject.planes, subject.shown, strict=True)
@@ -111,13 +109,16 @@ def _resampled(layer: Layer, grid: Grid, settings: Settings) -> tuple[Splats, La
 def _matter(splats: Splats, layer: Layer | None, grid: Grid, low: np.ndarray) -> Matter:
     """The matter of a layer's splats, in cells of a grid from `low` on."""
     described, values = _described(splats, layer)
-    matter = Matter.of(described, splats, _in_cells(splats, grid) - low, values)
+    normal = splats.records["normal"].astype(np.float32) * splats.shaded
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
     # of points of another size
     ratio = splats.grid.mean_spacing / grid.mean_spacing
-    size = int(np.clip(np.rint(np.log2(ratio)), 0, 7))
-    factor = ratio**2 / 4.0**size
+    size = np.full(len(splats), np.clip(np.rint(np.log2(ratio)), 0, 7), np.uint8)
+    factor = ratio**2 / 4.0 ** size[0]
     described = replace(described, table=described.table * np.array([1, 1, 1, factor]))
-    return replace(matter, layer=described, depth=matter.depth * factor, size=matter.size + np.uint8(size))
+    position, depth = _in_cells(splats, grid) - low, splats.depths.astype(np.float64) * factor
+    joinable = not is_points(splats.records.dtype)
+    return Matter(described, position, depth, splats.colors, normal, values, size, joinable)
 
 
 def _described(splats: Splats, layer: Layer | None) -> tuple[QuantizedLayer, np.ndarray | None]:

@@ -22,7 +22,7 @@ from splatgl.annotations.bars import MOST_LETTERS, MOST_TICKS, ticks
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.image import Image
 from splatgl.errors import expected
-from splatgl.exporters.layers import quantize
+from splatgl.exporters.layers import join_layers
 from splatgl.fileio import format_bytes
 from splatgl.geometry.camera import Camera
 from splatgl.gl.features import FRAME, frame_block, style_block
@@ -33,7 +33,7 @@ from splatgl.planning.plan import Plan, plan
 from splatgl.scene.draw import DrawOptions, SubjectView, draw
 from splatgl.scene.open_scene import OpenScene
 from splatgl.splat.kernels import Kernel
-from splatgl.splat.quantized import CLASSES, QUANTIZED_ROW, QuantizedSplats
+from splatgl.splat.quantized import CLASSES, QUANTIZED_ROW, JoinedMatter, QuantizedSplats
 from splatgl.splat.settings import Settings
 
 # texels along a side of the page's footprint table, as in the paper
@@ -72,6 +72,7 @@ class WebPage:
 
     scene: OpenScene | SubjectView
     command: str
+    matter: JoinedMatter
     splats: QuantizedSplats
     planned: Plan
     image: Image
@@ -87,13 +88,14 @@ class WebPage:
             if getattr(scene.settings, name)
         ]
         settings = page_settings(scene.settings)
-        splats = quantize(scene, settings, most, bits, notes)
+        matter = join_layers(scene, settings, most, notes)
+        splats = QuantizedSplats.of(matter, bits)
         # a page draws its own annotations
         bare = replace(scene, file=replace(scene.file, annotate=())) if isinstance(scene, OpenScene) else scene
-        image, planned = draw(bare, how), plan(splats.outline, scene.camera, settings)
+        image, planned = draw(bare, how), plan(matter.outline, scene.camera, settings)
         with how.renderer() as renderer:
             pixels = draw_quantized(renderer.passes, splats, planned)
-        return cls(scene, command, splats, planned, image, pixels, tuple(notes))
+        return cls(scene, command, matter, splats, planned, image, pixels, tuple(notes))
 
     @cached_property
     def rmse(self) -> float:
@@ -105,7 +107,7 @@ class WebPage:
     @property
     def summary(self) -> str:
         """A line on size and error."""
-        size, count = format_bytes(len(self.html.encode())), self.splats.counted(" splats")
+        size, count = format_bytes(len(self.html.encode())), self.matter.counted(" splats")
         return f"{size}, {count}, RMSE {self.rmse:.1f} levels of 255 from the default picture"
 
     def __repr__(self) -> str:
@@ -152,7 +154,7 @@ class WebPage:
         rows = {
             "Difference": f"{levels}, whose picture is shown first and printed. "
             "The page classifies voxels before reconstruction and composites splat by splat.",
-            "Splats": self.splats.counted(joined=", joined from ") + ", quantised",
+            "Splats": self.matter.counted(joined=", joined from ") + ", quantised",
             "Source": self.source,
             "Layers": ", ".join(names) if len(self.splats.layers) > 1 else "",
             "Notes": "; ".join((*self.notes, *self.image.notes)),
@@ -179,9 +181,9 @@ class WebPage:
             "classes": CLASSES,
             "step": splats.step,
             "grid": {
-                "matrix": splats.grid.world_from_index.tolist(),
-                "origin": splats.grid.origin.tolist(),
-                "spacing": splats.grid.mean_spacing,
+                "matrix": self.matter.grid.world_from_index.tolist(),
+                "origin": self.matter.grid.origin.tolist(),
+                "spacing": self.matter.grid.mean_spacing,
                 "last": np.rint(outline.index_bounds[1]).tolist(),
             },
             "frame": {

@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from splatgl.data.color import linear_from_srgb, srgb_from_linear
+from splatgl.data.color import srgb_from_linear
 from splatgl.errors import expected
 from splatgl.geometry.grid import Grid, corners_of
 from splatgl.splat.hidden_interior import least_around
-from splatgl.splat.splats import POINT, Splats, assemble, is_points
+from splatgl.splat.splats import POINT, Splats, assemble
 
 # texels in a row of the texture of splats; entries of a layer's table
 QUANTIZED_ROW, CLASSES = 2048, 256
@@ -70,15 +70,6 @@ class Matter:
     values: np.ndarray | None
     size: np.ndarray
     joinable: bool = True
-
-    @classmethod
-    def of(cls, layer: QuantizedLayer, splats: Splats, position: np.ndarray, values: np.ndarray | None) -> Matter:
-        """The matter of splats classified before reconstruction, at positions [N, 3] in cells of the page's grid."""
-        normal = splats.records["normal"].astype(np.float32) * splats.shaded
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        normal /= np.where(length > 0, length, 1)
-        depth, size = splats.depths.astype(np.float64), np.zeros(len(splats), np.uint8)
-        return cls(layer, position, depth, splats.colors, normal, values, size, not is_points(splats.records.dtype))
 
     def __len__(self) -> int:
         return len(self.depth)
@@ -202,106 +193,96 @@ def _ray_depth(cells: np.ndarray, depth: np.ndarray, number: np.ndarray, size: n
     return total / 3
 
 
-def join_matter(matters: Sequence[Matter], most: int) -> Sequence[Matter]:
-    """The layers in at most `most` splats together. Raises InputError if there are more, as of points."""
-    if sum(map(len, matters)) <= most:
-        return matters
-
-    def count(limit: float) -> int:
-        return sum(matter.blocks.count(limit) if matter.joinable else len(matter) for matter in matters)
-
-    if (least := count(np.inf)) > most:
-        raise expected("splats", f"at least {least:,}, as the scene has them after joining all blocks", f"{most:,}")
-    low, high = -60.0, 40.0
-    for _ in range(24):
-        middle = (low + high) / 2
-        low, high = (low, middle) if count(2.0**middle) <= most else (middle, high)
-    # the widest search ends at all blocks
-    return [matter.joined(2.0**high if high < 40 else np.inf) for matter in matters]
-
-
 @dataclass(frozen=True, eq=False)
-class QuantizedSplats:
-    """records [N]: QUANTIZED, in row order (z, y, x), as shaders/quantized_records.glsl reads them. step: of positions,
-    in cells of the grid. found: number of splats before any were joined.
-    """
+class JoinedMatter:
+    """Layers on one grid in few splats. found: number of splats before any were joined."""
 
-    records: np.ndarray
+    layers: tuple[Matter, ...]
     grid: Grid
-    step: float
-    layers: tuple[QuantizedLayer, ...]
-    found: int = 0
+    found: int
 
     @classmethod
-    def of(cls, matters: Sequence[Matter], grid: Grid, most: int, bits: int = 8) -> QuantizedSplats:
-        """The splats of layers on a grid, at most `most`; bits: of values."""
-        if len(matters) > MOST_LAYERS:
-            raise expected("layers", f"at most {MOST_LAYERS} in a page", len(matters))
-        found, matters = sum(map(len, matters)), join_matter(matters, most)
-        reach = max(float(matter.position.max()) for matter in matters)
-        step = 1 / STEPS if all(matter.joinable for matter in matters) else max(reach, 1.0) / 65535
-        if reach / step > 65535:
-            raise expected("grid", f"at most {65535 // STEPS:,} voxels along each axis", f"{reach:,.0f}")
-        records = np.concatenate([_records(matter, n, step, bits) for n, matter in enumerate(matters)])
-        return cls(records[np.lexsort(records["position"].T)], grid, step, tuple(m.layer for m in matters), found)
+    def of(cls, layers: Sequence[Matter], grid: Grid, most: int) -> JoinedMatter:
+        """The layers in at most `most` splats. Raises InputError if there are more, as of points."""
+        found = sum(map(len, layers))
+
+        def count(limit: float) -> int:
+            return sum(matter.blocks.count(limit) if matter.joinable else len(matter) for matter in layers)
+
+        if found <= most:
+            return cls(tuple(layers), grid, found)
+        if (least := count(np.inf)) > most:
+            raise expected("splats", f"at least {least:,}, as the scene has them after joining all blocks", f"{most:,}")
+        low, high = -60.0, 40.0
+        for _ in range(24):
+            middle = (low + high) / 2
+            low, high = (low, middle) if count(2.0**middle) <= most else (middle, high)
+        # the widest search ends at all blocks
+        return cls(tuple(matter.joined(2.0**high if high < 40 else np.inf) for matter in layers), grid, found)
 
     def __len__(self) -> int:
-        return len(self.records)
+        return sum(map(len, self.layers))
 
     def counted(self, what: str = "", joined: str = " of ") -> str:
         """Their number, and that of the voxels that were joined to them."""
         return f"{len(self):,}{what}" + (f"{joined}{self.found:,} voxels" if self.found > len(self) else "")
 
-    @property
-    def positions(self) -> np.ndarray:
-        """[N, 3]: (x, y, z) in cells of the grid."""
-        return np.asarray(self.records["position"] * self.step)
+    def column(self, name: str) -> np.ndarray:
+        """A field [N, …] of the splats of all layers."""
+        return np.concatenate([getattr(matter, name) for matter in self.layers])
 
     @property
     def world(self) -> np.ndarray:
         """Positions [N, 3] in world units."""
-        return np.asarray(self.positions @ self.grid.world_from_index.T + self.grid.origin)
+        return np.asarray(self.column("position") @ self.grid.world_from_index.T + self.grid.origin)
 
     @property
     def outline(self) -> Splats:
         """Splats at the corners of the box from the grid's first cell to the last splat, for plans."""
-        corners = corners_of(np.zeros(3), self.positions.max(axis=0))
+        corners = corners_of(np.zeros(3), self.column("position").max(axis=0))
         records = np.zeros(len(corners), POINT)
         records["position"], records["optical_depth"] = corners, 1.0
         # one normal that is not zero: the layers are shaded
-        shaded = bool(self.records["normal"].any())
+        shaded = any(matter.normal.any() for matter in self.layers)
         return assemble(records, np.rint(corners).astype(np.int64), self.grid, self.grid.mean_spacing, "page", shaded)
+
+
+@dataclass(frozen=True, eq=False)
+class QuantizedSplats:
+    """records [N]: QUANTIZED, in row order (z, y, x), as shaders/quantized_records.glsl reads them. step: of positions,
+    in cells of the grid.
+    """
+
+    records: np.ndarray
+    step: float
+    layers: tuple[QuantizedLayer, ...]
+
+    @classmethod
+    def of(cls, matter: JoinedMatter, bits: int = 8) -> QuantizedSplats:
+        """The splats of layers; bits: of values."""
+        layers = matter.layers
+        if len(layers) > MOST_LAYERS:
+            raise expected("layers", f"at most {MOST_LAYERS} in a page", len(layers))
+        reach = max(float(each.position.max()) for each in layers)
+        step = 1 / STEPS if all(each.joinable for each in layers) else max(reach, 1.0) / 65535
+        if reach / step > 65535:
+            raise expected("grid", f"at most {65535 // STEPS:,} voxels along each axis", f"{reach:,.0f}")
+        records = np.concatenate([_records(each, n, step, bits) for n, each in enumerate(layers)])
+        return cls(records[np.lexsort(records["position"].T)], step, tuple(each.layer for each in layers))
+
+    def __len__(self) -> int:
+        return len(self.records)
 
     def back_to_front(self, eye: np.ndarray, axis: int) -> np.ndarray:
         """Order [N] of the splats seen from a place (x, y, z) in cells, ±∞ for parallel views: along each axis from
         both ends to the eye, plane by plane across `axis`. A page walks sorted rows, and sorts nothing for a view.
         """
-        position, before = self.positions, self.positions <= eye
+        position = self.records["position"] * self.step
+        before = position <= eye
         # what is beyond the eye follows what is before it, in the opposite order
         keys = np.where(before, position, 2e6 - position)
         numbers = np.where(before[:, int(axis == 0)], 1, -1) * np.arange(len(self))
         return np.lexsort([numbers, *(keys[:, other] for other in range(3) if other != axis), keys[:, axis]])
-
-    @property
-    def sizes(self) -> np.ndarray:
-        """[N]: sides of the splats, voxels."""
-        return np.asarray(2.0 ** (self.records["kind"] & 7))
-
-    @property
-    def normals(self) -> np.ndarray:
-        """[N, 3]: unit normals, or zeros."""
-        return octahedral_normal(self.records["normal"])
-
-    def classified(self) -> tuple[np.ndarray, np.ndarray]:
-        """Linear RGB [N, 3], and optical depth [N] per mean spacing."""
-        layer, place = self.records["kind"] >> 3, self.records["value"] / 65535 * (CLASSES - 1)
-        entry = np.minimum(place.astype(np.int64), CLASSES - 2)
-        tables = np.stack([layer.table for layer in self.layers])
-        part = (place - entry)[:, None]
-        matter = tables[layer, entry] * (1 - part) + tables[layer, entry + 1] * part
-        own = self.records["own"]
-        color = np.where(own[:, 3:] > 0, linear_from_srgb(own[:, :3] / 255), matter[:, :3])
-        return color, matter[:, 3] * 2.0 ** ((SHARE_ONE - self.records["share"].astype(np.float64)) / SHARE_STEPS)
 
     def packed(self) -> bytes:
         """The deflated planes of the 16 bytes of a splat: positions as differences from the splat before, low bytes of
@@ -337,12 +318,3 @@ def _octahedral(normal: np.ndarray) -> np.ndarray:
     n = normal / np.where(size > 0, size, 1)
     folded = (1 - np.abs(n[:, 1::-1])) * np.where(n[:, :2] >= 0, 1, -1)
     return np.where(size > 0, np.rint(np.where(n[:, 2:] >= 0, n[:, :2], folded) * 127 + 128), 0)
-
-
-def octahedral_normal(code: np.ndarray) -> np.ndarray:
-    """Unit vectors [N, 3] of two bytes [N, 2]; zeros of zeros."""
-    f = (code.astype(np.float64) - 128) / 127
-    n = np.concatenate([f, 1 - np.abs(f).sum(axis=1, keepdims=True)], axis=1)
-    t = np.maximum(-n[:, 2:], 0)
-    n[:, :2] += np.where(n[:, :2] >= 0, -t, t)
-    return np.where(code.any(axis=1, keepdims=True), n / np.linalg.norm(n, axis=1, keepdims=True), 0.0)

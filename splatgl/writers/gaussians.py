@@ -14,7 +14,7 @@ import numpy as np
 from splatgl.data.color import srgb_from_linear
 from splatgl.geometry.camera import quaternion_of
 from splatgl.splat.kernels import Kernel
-from splatgl.splat.quantized import QuantizedSplats
+from splatgl.splat.quantized import JoinedMatter
 
 # zeroth spherical harmonic
 HARMONIC = 0.28209479177387814
@@ -44,20 +44,20 @@ class Gaussians:
     rmse: float
 
     @classmethod
-    def of(cls, splats: QuantizedSplats, kernel: Kernel, light: np.ndarray) -> Gaussians:
-        """The Gaussians of splats. light [N]: factor of their colours, as a Gaussian is not shaded."""
-        color, depth = splats.classified()
+    def of(cls, matter: JoinedMatter, kernel: Kernel, light: np.ndarray) -> Gaussians:
+        """The Gaussians of voxels. light [N]: factor of their colours, as a Gaussian is not shaded."""
+        side = 2.0 ** matter.column("size")
         width, rmse = gaussian_width(kernel)
-        axes, widths, _ = np.linalg.svd(splats.grid.world_from_index)
+        axes, widths, _ = np.linalg.svd(matter.grid.world_from_index)
         if np.linalg.det(axes) < 0:
             axes[:, 2] *= -1
         turn = np.roll(quaternion_of(axes), 1)
         turn *= 1 if turn[0] >= 0 else -1
         peak = float(kernel.footprint(np.zeros(())))
-        opacity = -np.expm1(-depth * splats.sizes * peak)
-        scale = widths * width * splats.sizes[:, None]
-        lit = srgb_from_linear(np.clip(color * light[:, None], 0, 1))
-        return cls(splats.world, np.minimum(opacity, MOST_OPACITY), lit, scale, turn, rmse)
+        opacity = -np.expm1(-matter.column("depth") * side * peak)
+        scale = widths * width * side[:, None]
+        lit = srgb_from_linear(np.clip(matter.column("color") * light[:, None], 0, 1))
+        return cls(matter.world, np.minimum(opacity, MOST_OPACITY), lit, scale, turn, rmse)
 
     @property
     def harmonic(self) -> np.ndarray:

@@ -18,7 +18,6 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.exporters.layers import quantize
 from splatgl.exporters.page import WebPage, camera_json, over, page_settings
 from splatgl.gl.features import FRAME, frame_block
 from splatgl.gl.passes import draw_quantized
@@ -26,7 +25,6 @@ from splatgl.planning.plan import plan
 from splatgl.scene.api import opened, scene_of
 from splatgl.scene.draw import DrawOptions
 from splatgl.splat.kernels import kernel
-from splatgl.splat.quantized import QuantizedSplats
 from tests.helpers.page_reference import BROWSER, PageSplats, draw, in_browser, part
 
 # largest and root mean square difference of a page from the float64 reference of its splats, linear light: the guide's;
@@ -56,25 +54,27 @@ SCENES: dict[str, tuple[sg.Volume, dict[str, Any]]] = {
 }
 
 
-def page_of(name: str, most: int = 600, **more: object) -> tuple[str, QuantizedSplats]:
+def page_of(name: str, most: int = 600) -> WebPage:
     volume, options = SCENES[name]
-    options = {"size": SIZE, **options, **more}
-    scene = opened(scene_of(volume, None, None, None, options))
-    page = WebPage.of(scene, DrawOptions(is_shared=True), most, 8, "splatgl export blobs")
-    return page.html, page.splats
+    scene = opened(scene_of(volume, None, None, None, {"size": SIZE, **options}))
+    return WebPage.of(scene, DrawOptions(is_shared=True), most, 8, "splatgl export blobs")
+
+
+def read_page(x: Any, most: int, bits: int = 8, **options: Any) -> PageSplats:
+    """The splats of a page, in float64."""
+    scene = opened(scene_of(x, None, None, None, {"size": SIZE, **options}))
+    return PageSplats(WebPage.of(scene, DrawOptions(is_shared=True), most, bits, "").html)
 
 
 @pytest.mark.parametrize("name", [name for name in SCENES if name != "colours of its own"])
 def test_pages_agree_with_float64(name: str, renderer: sg.Renderer) -> None:
     """By the shaders of pages in OpenGL, from what a page holds; half-float targets."""
-    html, splats = page_of(name)
-    volume, options = SCENES[name]
-    scene = opened(scene_of(volume, None, None, None, {"size": SIZE, **options}))
-    settings = page_settings(scene.settings)
-    page = PageSplats(html)
-    assert len(page.position) == len(splats) <= 600 < splats.found or splats.found <= 600
-    for camera in (scene.camera, replace(scene.camera, eye=scene.camera.eye + 0.7)):
-        found = draw_quantized(renderer.passes, splats, plan(splats.outline, camera, settings))
+    exported = page_of(name)
+    page, matter, home = PageSplats(exported.html), exported.matter, exported.scene.camera
+    assert len(page.position) == len(exported.splats) <= 600 < matter.found or matter.found <= 600
+    for camera in (home, replace(home, eye=home.eye + 0.7)):
+        planned = plan(matter.outline, camera, page_settings(exported.scene.settings))
+        found = draw_quantized(renderer.passes, exported.splats, planned)
         right = draw(page, camera_json(camera), KERNEL)
         assert right[..., 3].max() > 0.3
         assert np.abs(found - right).max() < (MOST_FAR if name == "far" else MOST)
@@ -121,7 +121,7 @@ def test_the_stated_error_is_that_of_the_splats(renderer: sg.Renderer) -> None:
 
 
 def test_packed_splats_are_read_back() -> None:
-    _, splats = page_of("cubes")
+    splats = page_of("cubes").splats
     data = splats.packed()
     halves = np.ascontiguousarray(np.frombuffer(zlib.decompress(data), np.uint8).reshape(16, -1).T).view("<u2")
     halves[:, :3] = np.cumsum(halves[:, :3], axis=0, dtype=np.uint16)
@@ -133,41 +133,34 @@ def test_packed_splats_are_read_back() -> None:
 
 def test_quantisation(renderer: sg.Renderer) -> None:
     """Positions are exact, opacities within a step of shares, values within half a step, normals within 1°."""
-    volume = blobs()
-    scene = opened(scene_of(volume, None, None, None, {"size": SIZE, **LOOK, "shading": "on"}))
-    settings = page_settings(scene.settings)
-    exact = sg.extract(volume, scene.scene.shown[0].seen, classification="pre")
+    exact = sg.extract(blobs(), sg.Transfer(**LOOK), classification="pre")
     for bits in (8, 16):
-        splats = quantize(scene, settings, 10**6, bits, [])
-        assert len(splats) == len(exact) and (splats.sizes == 1).all()
-        world = splats.positions @ splats.grid.world_from_index.T + splats.grid.origin
+        splats = read_page(blobs(), 10**6, bits, **LOOK, shading="on")
+        assert len(splats.depth) == len(exact) and (splats.size == 1).all()
         right = exact.positions @ exact.grid.world_from_index.T + exact.grid.origin
-        assert np.abs(world - right).max() < 1e-9
-        color, depth = splats.classified()
+        assert np.abs(splats.world - right).max() < 1e-9
+        color, depth = splats.color, splats.depth
         faint = exact.depths > 1e-3
         assert np.abs(np.log2(depth / exact.depths)[faint]).max() < 1 / 31
         assert np.abs(color - exact.colors).max() < (0.02 if bits == 8 else 0.01)
         normal = exact.records["normal"] / 32767.0
         lit = np.linalg.norm(normal, axis=1) > 0.5
-        assert (splats.normals * normal).sum(axis=1)[lit].min() > np.cos(np.radians(1))
-        assert not splats.normals[~lit].any()
+        assert (splats.normal * normal).sum(axis=1)[lit].min() > np.cos(np.radians(1))
+        assert not splats.normal[~lit].any()
 
 
 def test_joined_splats_keep_matter(renderer: sg.Renderer) -> None:
     """Optical depth along axes is kept on average, and hidden matter is joined before what is seen."""
     samples = np.zeros((24, 24, 24), np.uint8)
     samples[4:20, 4:20, 4:20] = 200
-    transfer = sg.Transfer([(100, 0.0), (200, 0.9)], "gray", shading=False)
-    scene = opened(scene_of(sg.Volume(samples), transfer, None, None, {"size": SIZE}))
-    splats = quantize(scene, page_settings(scene.settings), 3000, 8, [])
-    assert len(splats) <= 3000 < splats.found == 16**3
-    large = splats.sizes > 1
-    depth = np.abs(splats.positions - splats.positions.mean(axis=0)).max(axis=1)
+    look: dict[str, Any] = {"points": [(100, 0.0), (200, 0.9)], "colormap": "gray", "shading": "off"}
+    splats = read_page(sg.Volume(samples), 3000, **look)
+    assert len(splats.depth) <= 3000 < 16**3
+    large = splats.size > 1
+    depth = np.abs(splats.position - splats.position.mean(axis=0)).max(axis=1)
     assert large.any() and depth[large].max() < depth.max() - 1
-    _, tau = splats.classified()
-    assert (tau * splats.sizes**3).sum() == pytest.approx(16**3 * -np.log(0.1), rel=0.03)
-    few = quantize(scene, page_settings(scene.settings), 8, 8, [])
-    assert len(few) <= 8
+    assert (splats.depth * splats.size**3).sum() == pytest.approx(16**3 * -np.log(0.1), rel=0.03)
+    assert len(read_page(sg.Volume(samples), 8, **look).depth) <= 8
 
 
 def test_layers_share_a_page(tmp_path: Path, renderer: sg.Renderer) -> None:
@@ -175,40 +168,37 @@ def test_layers_share_a_page(tmp_path: Path, renderer: sg.Renderer) -> None:
     one, two = blobs(), replace(blobs((2.0, 2.0, 2.0)), name="coarse")
     scene = sg.Scene([sg.Layer(one, sg.Transfer(**LOOK)), sg.Layer(two, sg.Transfer([(30, 0), (150, 0.5)], "viridis"))])
     view = opened(scene_of(scene, None, None, None, {"size": (SIZE, SIZE)}))
-    notes = list[str]()
-    splats = quantize(view, page_settings(view.settings), 10**5, 8, notes)
-    assert [layer.name for layer in splats.layers] == ["blobs", "coarse"] and "resampled" in notes[0]
+    exported = WebPage.of(view, DrawOptions(is_shared=True), 10**5, 8, "")
+    splats = exported.splats
+    assert [layer.name for layer in splats.layers] == ["blobs", "coarse"] and "resampled" in exported.notes[0]
     assert set(np.unique(splats.records["kind"] >> 3)) == {0, 1}
     # opacities refer to the spacing of the layer itself, twice the page's
-    depth = splats.classified()[1][splats.records["kind"] >> 3 == 1].max()
+    page = PageSplats(exported.html)
+    depth = page.depth[page.layer == 1].max()
     most = sg.Transfer([(30, 0), (150, 0.5)]).opacity(np.array([np.nanmax(two.samples)]))[0]
     assert depth == pytest.approx(-np.log1p(-most) / 2, rel=0.1)
     target = sg.export(scene, tmp_path / "two.html", size=(SIZE, SIZE))
-    page = PageSplats(target.read_text("utf-8"))
-    right = draw(page, camera_json(view.camera), KERNEL)
-    found = draw_quantized(renderer.passes, splats, plan(splats.outline, view.camera, page_settings(view.settings)))
-    assert np.abs(found - right).max() < MOST
+    right = draw(PageSplats(target.read_text("utf-8")), camera_json(view.camera), KERNEL)
+    assert np.abs(exported.pixels - right).max() < MOST
 
 
 def test_points_are_in_a_page(tmp_path: Path) -> None:
     points = np.random.default_rng(3).uniform(0, 10, (200, 3))
     splats = sg.Splats.from_points(points, np.full((200, 3), 0.5), np.full(200, 2.0), spacing=0.5)
     page = PageSplats(sg.export(splats, tmp_path / "points.html", size=SIZE).read_text("utf-8"))
-    grid = page.scene["grid"]
-    world = page.position @ np.array(grid["matrix"]).T + grid["origin"]
-    apart = np.linalg.norm(world[:, None] - points[None], axis=2).min(axis=1)
-    assert len(world) == 200 and apart.max() < 1e-3
+    apart = np.linalg.norm(page.world[:, None] - points[None], axis=2).min(axis=1)
+    assert len(page.world) == 200 and apart.max() < 1e-3
     with pytest.raises(sg.InputError, match="splats: expected at least 200"):
         sg.export(splats, tmp_path / "few.html", size=SIZE, splats=50)
 
 
 def test_frames_of_pages_are_those_of_opengl() -> None:
     """The page's module writes the fields that it needs by these offsets."""
-    html, splats = page_of("cubes")
-    scene = json.loads(part(html, "scene"))
+    page = page_of("cubes")
+    scene = json.loads(part(page.html, "scene"))
     assert scene["frame"]["size"] == FRAME.itemsize
     assert scene["frame"]["offsets"]["pixel_pitch"] == FIELDS["pixel_pitch"][1]
-    assert len(splats) == scene["count"]
+    assert len(page.splats) == scene["count"]
 
 
 BAD = [
@@ -281,7 +271,7 @@ def test_browsers_agree_with_float64(name: str, tmp_path: Path) -> None:
     """Chromium draws the splats of a page from several sides; so does float64."""
     if BROWSER is None:
         pytest.skip("Chromium is not here")
-    html, _ = page_of(name)
+    html = page_of(name).html
     page, home = PageSplats(html), json.loads(part(html, "scene"))["camera"]
     views = [(home, True), (home, False)]
     for turn in (70.0, 140.0, 250.0):
@@ -350,7 +340,7 @@ def test_a_page_in_a_browser(tmp_path: Path) -> None:
     ground = np.array(scene.settings.ground or (0, 0, 0))
     levels = 255 * (over(first, ground) - over(page.image.pixels, ground))
     assert np.sqrt(np.mean(levels**2)) == pytest.approx(page.rmse, abs=0.2)
-    planned = plan(page.splats.outline, scene.camera, page_settings(scene.settings))
+    planned = plan(page.matter.outline, scene.camera, page_settings(scene.settings))
     block = frame_block(planned.splats, planned)
     for name, values in found["frame"].items():
         assert np.allclose(np.ravel(block[name]), values, rtol=1e-5, atol=1e-6), name
@@ -384,7 +374,7 @@ def test_a_notebook_s_page_turns(tmp_path: Path) -> None:
 def test_a_page_without_webgl_shows_its_picture(tmp_path: Path) -> None:
     if BROWSER is None:
         pytest.skip("Chromium is not here")
-    html, _ = page_of("cubes")
+    html = page_of("cubes").html
     blocked = html.replace(
         '<script type="module">',
         '<script>HTMLCanvasElement.prototype.getContext = () => null</script>\n<script type="module">',

@@ -22,9 +22,9 @@ from splatgl.reference.blend import blend_opacity, pixel_means
 from splatgl.reference.rays import FootprintRow
 from splatgl.splat.footprint import fill_depth, run_lengths
 from splatgl.splat.lighting import apply_light
-from splatgl.splat.quantized import octahedral_normal
 from splatgl.splat.splats import OCTAVES, POINT, POINT_VALUE, VALUE, VOXEL, is_points, linear_color
 from tests.helpers.noise import GRIDS, noise, views
+from tests.helpers.page_reference import octahedral_normal
 from tests.helpers.splatting import SPLATS
 from tests.helpers.streaks import run_length_along
 from tests.helpers.twins import COUNT, Twin, functions

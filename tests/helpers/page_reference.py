@@ -24,7 +24,7 @@ def part(html: str, name: str) -> str:
 
 class PageSplats:
     """The splats of a page: position [N, 3] (x, y, z) in cells, color [N, 3] linear, depth [N] per mean spacing, size
-    [N] in cells, normal [N, 3].
+    [N] in cells, normal [N, 3], layer [N]: its number, world [N, 3].
     """
 
     def __init__(self, html: str) -> None:
@@ -36,6 +36,8 @@ class PageSplats:
         halves = byte[:, 0:6:2] + 256 * byte[:, 1:6:2]
         self.steps = np.cumsum(halves, axis=0) % 65536
         self.position = self.steps * self.scene["step"]
+        grid = self.scene["grid"]
+        self.world = self.position @ np.array(grid["matrix"]).T + grid["origin"]
         self.size = 2.0 ** (byte[:, 11] & 7)
         layer = byte[:, 11] >> 3
         tables = np.stack(
@@ -51,12 +53,16 @@ class PageSplats:
         own = np.where(own <= 0.04045, own / 12.92, ((own + 0.055) / 1.055) ** 2.4)
         self.color = np.where(byte[:, 15:] > 0, own, matter[:, :3])
         self.depth = matter[:, 3] * 2.0 ** ((64 - byte[:, 10]) / 16)
-        f = (byte[:, 8:10] - 128) / 127
-        n = np.concatenate([f, 1 - np.abs(f).sum(axis=1, keepdims=True)], axis=1)
-        over = np.maximum(-n[:, 2:], 0)
-        n[:, :2] -= np.where(n[:, :2] >= 0, over, -over)
-        n /= np.linalg.norm(n, axis=1, keepdims=True)
-        self.normal = np.where(byte[:, 8:10].any(axis=1, keepdims=True), n, 0.0)
+        self.layer, self.normal = layer, octahedral_normal(byte[:, 8:10])
+
+
+def octahedral_normal(code: np.ndarray) -> np.ndarray:
+    """Unit vectors [N, 3] of two bytes [N, 2]; zeros of zeros."""
+    f = (code.astype(np.float64) - 128) / 127
+    n = np.concatenate([f, 1 - np.abs(f).sum(axis=1, keepdims=True)], axis=1)
+    over = np.maximum(-n[:, 2:], 0)
+    n[:, :2] -= np.where(n[:, :2] >= 0, over, -over)
+    return np.where(code.any(axis=1, keepdims=True), n / np.linalg.norm(n, axis=1, keepdims=True), 0.0)
 
 
 def draw(page: PageSplats, camera: dict[str, Any], kernel: Any, antialias: bool = True) -> np.ndarray:
