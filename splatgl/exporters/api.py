@@ -188,11 +188,12 @@ class Exporter:
 
     def _write_surfaces(self, path: Path) -> None:
         """Writes iso-surfaces, meshes and streamlines. Raises InputError if there are none."""
+        from splatgl.exporters.layers import layers_of
         from splatgl.planning.scene import Scene
         from splatgl.writers.surface import iso_mesh, save_meshes
 
-        subject = self.scene.scene if isinstance(self.scene, OpenScene) else self.scene.subject
-        meshes = list(subject.surfaces(self.scene.settings))
+        subject = layers_of(self.scene)
+        meshes = list(subject.surfaces(self.scene.settings)) if isinstance(subject, Scene) else []
         for layer in subject.shown if isinstance(subject, Scene) else ():
             for surface in layer.faded.iso:
                 color = surface.color or layer.faded.color(surface.value).tolist()

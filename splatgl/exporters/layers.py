@@ -20,6 +20,8 @@ from splatgl.splat.splats import Splats, is_points
 
 # most voxels of a grid to which layers on other grids are resampled, and of the level of a volume with coarser ones
 MOST_VOXELS = 2**27
+# note on what is no splat
+LEFT_OUT = "meshes, streamlines and slices are left out: .glb holds meshes and streamlines"
 # headroom for shares of a layer whose splats have colours of their own
 HEADROOM = 8.0
 
@@ -32,7 +34,8 @@ def join_layers(scene: OpenScene | SubjectView, settings: Settings, most: int, n
     """
     layers = [layer for layer in _layers(scene, settings, notes) if len(layer[0])]
     if not layers:
-        raise expected("scene", "visible voxels or points", "none", "change --points, --threshold or the cuts")
+        fix = LEFT_OUT if LEFT_OUT in notes else "change --points, --threshold or the cuts"
+        raise expected("scene", "visible voxels or points", "none", fix)
     base = max((splats for splats, _ in layers), key=_rank)
     for number, (splats, layer) in enumerate(layers):
         if layer is not None and not is_points(splats.records.dtype) and not _is_aligned(splats.grid, base.grid):
@@ -49,6 +52,11 @@ def _rank(splats: Splats) -> tuple[bool, float]:
     return not is_points(splats.records.dtype), float(np.ptp(splats.index_bounds, axis=0).prod())
 
 
+def layers_of(scene: OpenScene | SubjectView) -> Scene | Splats:
+    """The layers and meshes of a scene, or splats alone."""
+    return scene.scene if isinstance(scene, OpenScene) else scene.subject
+
+
 def _layers(scene: OpenScene | SubjectView, settings: Settings, notes: list[str]) -> list[LayerSplats]:
     """The splats of the layers, without clipped ones."""
     if isinstance(scene, OpenScene):
@@ -57,13 +65,15 @@ def _layers(scene: OpenScene | SubjectView, settings: Settings, notes: list[str]
         if level is not scene.volume:
             notes.append(f"voxels of the level of {'×'.join(map(str, level.shape[::-1]))}")
             scene = replace(scene, volume=level)
-    subject = scene.scene if isinstance(scene, OpenScene) else scene.subject
+    subject = layers_of(scene)
     if isinstance(subject, Splats):
         return [(select_splats(subject, settings, False), None)]
     if any(layer.seen.iso for layer in subject.shown):
         raise expected("iso", "no iso-surfaces among splats", "some", "write them as .glb")
+    if isinstance(scene, OpenScene) and scene.file.slices:
+        raise expected("slices", "a volume without slices", "some", "splatgl render draws them")
     if subject.meshes:
-        notes.append("meshes and slices are left out")
+        notes.append(LEFT_OUT)
     return [
         (select_splats(splats, replace(settings, clip=(*settings.clip, *planes)), False), layer)
         for splats, planes, layer in zip(subject.splats(settings), subject.planes, subject.shown, strict=True)

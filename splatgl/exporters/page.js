@@ -328,7 +328,7 @@ function lengthText(length, unit) {
 
 // Draws the scale bar, the axes and the colour bars of a view into an SVG of width × height CSS pixels.
 function overlay(svg, scene, camera, target, size, extent, tables, ink) {
-  const [width, height] = size, parts = [], em = 14;
+  const [width, height] = size, parts = [], em = Math.min(Math.max(width / 36, 10), 14);
   const text = (x, y, words, anchor = "middle") => parts.push(element("text", { x, y, "text-anchor": anchor }, words));
   const line = (x1, y1, x2, y2, more = {}) => parts.push(element("line", { x1, y1, x2, y2, stroke: "currentColor", ...more }));
   const depth = dot(camera.axes[2], add(target, camera.eye, -1));
@@ -365,7 +365,7 @@ function overlay(svg, scene, camera, target, size, extent, tables, ink) {
     left -= 5 * em;
   });
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-  svg.style.color = ink;
+  Object.assign(svg.style, { color: ink, fontSize: `${em}px` });
   svg.style.setProperty("--halo", ink === "#fff" ? "#000" : "#fff");
   svg.replaceChildren(...parts);
 }

@@ -22,7 +22,7 @@ from splatgl.annotations.bars import MOST_LETTERS, MOST_TICKS, ticks
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.image import Image
 from splatgl.errors import expected
-from splatgl.exporters.layers import join_layers
+from splatgl.exporters.layers import join_layers, layers_of
 from splatgl.fileio import format_bytes
 from splatgl.geometry.camera import Camera
 from splatgl.gl.features import FRAME, frame_block, style_block
@@ -30,6 +30,7 @@ from splatgl.gl.passes import QUANTIZED_SWITCHES, draw_quantized
 from splatgl.gl.program import splat_switches
 from splatgl.gl.shader import compose, declared_switches
 from splatgl.planning.plan import Plan, plan
+from splatgl.planning.scene import Scene
 from splatgl.scene.draw import DrawOptions, SubjectView, draw
 from splatgl.scene.open_scene import OpenScene
 from splatgl.splat.kernels import Kernel
@@ -47,7 +48,8 @@ def page_settings(settings: Settings) -> Settings:
     InputError for blends that pages do not have.
     """
     if not settings.hides:
-        raise expected("blend of a page", "composite", settings.blend)
+        fix = "pages and Gaussians are drawn one splat over the next"
+        raise expected("blend", "composite", settings.blend, fix)
     return settings.replace(
         classification="pre",
         compositing="splats",
@@ -165,12 +167,8 @@ class WebPage:
 
     def _described(self) -> dict[str, Any]:
         """The scene for page.js, without its splats."""
-        outline, camera, splats, ground = (
-            self.planned.splats,
-            self.scene.camera,
-            self.splats,
-            self.scene.settings.ground,
-        )
+        outline, splats, grid = self.planned.splats, self.splats, self.matter.grid
+        camera, ground, layers = self.scene.camera, self.scene.settings.ground, layers_of(self.scene)
         depth = float(camera.eye_from_points(outline.corners.mean(axis=0))[2])
         # an eye within the scene turns about what it looks at
         reach = depth if depth > 0 or not camera.perspective else float(np.ptp(outline.corners, axis=0).max())
@@ -181,9 +179,9 @@ class WebPage:
             "classes": CLASSES,
             "step": splats.step,
             "grid": {
-                "matrix": self.matter.grid.world_from_index.tolist(),
-                "origin": self.matter.grid.origin.tolist(),
-                "spacing": self.matter.grid.mean_spacing,
+                "matrix": grid.world_from_index.tolist(),
+                "origin": grid.origin.tolist(),
+                "spacing": grid.mean_spacing,
                 "last": np.rint(outline.index_bounds[1]).tolist(),
             },
             "frame": {
@@ -201,19 +199,21 @@ class WebPage:
             "letters": [*"xyz"],
             "camera": camera_json(camera),
             "target": (camera.eye + camera.forward * max(reach, 1e-6)).tolist(),
-            "unit": self.scene.volume.unit if isinstance(self.scene, OpenScene) else "",
+            "unit": layers.world.unit if isinstance(layers, Scene) else "",
             "background": None if ground is None else list(ground),
         }
 
     def _bars(self) -> list[dict[str, Any]]:
-        """Colour bars of the layers with values; of a single one, titled by its quantity."""
+        """Colour bars of the layers with values, titled by their names; that of a single volume, which the heading
+        names, by its quantity.
+        """
         bars, layers = [], self.splats.layers
         for number, layer in enumerate(layers[:MOST_BARS]):
             title, (low, high) = layer.name, layer.span
             if layer.own or low >= high:
                 continue
             if isinstance(self.scene, OpenScene) and len(layers) == 1:
-                title = self.scene.annotated_subject.value_name or title
+                title = self.scene.annotated_subject.value_name.removeprefix(self.scene.volume.name).strip()
             title = title if len(title) <= MOST_LETTERS else f"{title[: MOST_LETTERS - 1]}…"
             ends = {"low": low, "high": high, "first": layer.low, "last": layer.high}
             bars.append({"layer": number, "title": title, "ticks": ticks(low, high, MOST_TICKS), **ends})

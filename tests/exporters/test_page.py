@@ -18,6 +18,7 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.cli.main import main
+from splatgl.exporters.layers import LEFT_OUT
 from splatgl.exporters.page import WebPage, camera_json, over, page_settings
 from splatgl.gl.features import FRAME, frame_block
 from splatgl.gl.passes import draw_quantized
@@ -165,7 +166,7 @@ def test_joined_splats_keep_matter(renderer: sg.Renderer) -> None:
 
 def test_layers_share_a_page(tmp_path: Path, renderer: sg.Renderer) -> None:
     """Layers on one grid keep it; others are resampled to that of the finest; the picture has both."""
-    one, two = blobs(), replace(blobs((2.0, 2.0, 2.0)), name="coarse")
+    one, two = replace(blobs(), unit="mm"), replace(blobs((2.0, 2.0, 2.0)), name="coarse", unit="mm")
     scene = sg.Scene([sg.Layer(one, sg.Transfer(**LOOK)), sg.Layer(two, sg.Transfer([(30, 0), (150, 0.5)], "viridis"))])
     view = opened(scene_of(scene, None, None, None, {"size": (SIZE, SIZE)}))
     exported = WebPage.of(view, DrawOptions(is_shared=True), 10**5, 8, "")
@@ -174,6 +175,7 @@ def test_layers_share_a_page(tmp_path: Path, renderer: sg.Renderer) -> None:
     assert set(np.unique(splats.records["kind"] >> 3)) == {0, 1}
     # opacities refer to the spacing of the layer itself, twice the page's
     page = PageSplats(exported.html)
+    assert page.scene["unit"] == "mm" and [bar["title"] for bar in page.scene["bars"]] == ["blobs", "coarse"]
     depth = page.depth[page.layer == 1].max()
     most = sg.Transfer([(30, 0), (150, 0.5)]).opacity(np.array([np.nanmax(two.samples)]))[0]
     assert depth == pytest.approx(-np.log1p(-most) / 2, rel=0.1)
@@ -190,6 +192,20 @@ def test_points_are_in_a_page(tmp_path: Path) -> None:
     assert len(page.world) == 200 and apart.max() < 1e-3
     with pytest.raises(sg.InputError, match="splats: expected at least 200"):
         sg.export(splats, tmp_path / "few.html", size=SIZE, splats=50)
+    with pytest.raises(sg.InputError, match="expected iso-surfaces, meshes or streamlines, got none"):
+        sg.export(splats, tmp_path / "few.glb", size=SIZE)
+
+
+def test_meshes_and_slices_are_left_out_of_pages() -> None:
+    """With a note, or alone with an error."""
+    with pytest.raises(sg.InputError, match="slices: expected a volume without slices, got some"):
+        sg.export(blobs(), size=SIZE, slices="z")
+    corners = np.array([[3.0, -2.0, 5.0], [9.0, -2.0, 5.0], [3.0, 8.0, 5.0]])
+    mesh = sg.Mesh(corners, np.array([[0, 1, 2]]))
+    page = sg.export(sg.Scene([blobs()], meshes=[mesh]), size=SIZE)
+    assert page.notes == (LEFT_OUT,) and LEFT_OUT in page.html
+    with pytest.raises(sg.InputError, match="got none; meshes, streamlines and slices are left out"):
+        sg.export(sg.Scene([sg.Layer(blobs(), sg.Transfer([(900, 0), (1000, 1)]))], meshes=[mesh]), size=SIZE)
 
 
 def test_frames_of_pages_are_those_of_opengl() -> None:
@@ -207,7 +223,10 @@ BAD = [
     (["blobs.html", "--iso", "100"], "iso: expected no iso-surfaces among splats"),
     (["blobs.html", "--splats", "99999999"], "--splats: expected a whole number from 1 to 16777216"),
     (["blobs.spz", "--points", "900:0,1000:1"], "scene: expected visible voxels or points, got none"),
-    (["blobs.html", "--blend", "xray"], "blend of a page: expected composite, got xray"),
+    (
+        ["blobs.html", "--blend", "xray"],
+        "blend: expected composite, got xray; pages and Gaussians are drawn one",
+    ),
     (["blobs.html", "--max-size", "1kB"], "expected a page of at most"),
     (["missing/blobs.html", "--format", "obj"], "invalid choice"),
     (["blobs.html", "--points", "900:0,1000:1"], "expected"),
@@ -350,7 +369,7 @@ def test_a_page_in_a_browser(tmp_path: Path) -> None:
     }
     assert mass["near"] > 1.3 * mass["first"] > mass["first"] > mass["cut"] > 0 and mass["faint"] < 0.8 * mass["first"]
     assert 0 < mass["moved"] < 0.9 * mass["first"] and found["turned"] != found["first"]
-    assert {"x", "y", "z", "blobs"} <= set(found["texts"])
+    assert {"x", "y", "z", "100"} <= set(found["texts"])
     # the printed picture is the first one, and has its axes
     assert found["printed"] and found["back"] and found["pinched"] == pytest.approx(2)
 
