@@ -43,5 +43,6 @@ void read_words(uvec4 first, uvec4 second, uvec2 rest) {
                       texelFetch(class_table, ivec2(entry + 1, layer), 0), place - float(entry));
     in_color = (words.w >> 24) > 0u ? linear_from_srgb(vec3(words.w & 0xffu, (words.w >> 8) & 0xffu, (words.w >> 16) & 0xffu) / 255.0)
                                     : matter.rgb;
-    in_optical_depth = matter.a * share * splat_size;
+    // a maximum is that of voxels
+    in_optical_depth = matter.a * share * (PEAK == 1 ? 1.0 : splat_size);
 }

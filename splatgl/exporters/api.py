@@ -172,6 +172,8 @@ class Exporter:
         from splatgl.splat.lighting import surface_light
         from splatgl.writers.gaussians import Gaussians
 
+        if not self.scene.settings.hides:
+            raise expected("blend of Gaussians", "composite", self.scene.settings.blend)
         notes, settings, camera = list[str](), page_settings(self.scene.settings), self.scene.camera
         splats = join_layers(self.scene, settings, self.options.splats, notes)
         planned = plan(splats.outline, camera, settings)

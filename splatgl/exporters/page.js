@@ -261,6 +261,7 @@ class Painter {
     gl.clear(gl.COLOR_BUFFER_BIT);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.blendEquation(scene.maximum ? gl.MAX : gl.FUNC_ADD);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.instances);
     gl.enableVertexAttribArray(0);
     gl.vertexAttribIPointer(0, 1, gl.UNSIGNED_INT, 0, 0);

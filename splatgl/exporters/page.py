@@ -47,9 +47,8 @@ def page_settings(settings: Settings) -> Settings:
     """The settings of a page: the paper's hardware path in half floats, in the scene's light and antialiasing. Raises
     InputError for blends that pages do not have.
     """
-    if not settings.hides:
-        fix = "pages and Gaussians are drawn one splat over the next"
-        raise expected("blend", "composite", settings.blend, fix)
+    if settings.join not in ("over", "max"):
+        raise expected("blend of a page", "composite or mip", settings.blend)
     return settings.replace(
         classification="pre",
         compositing="splats",
@@ -107,6 +106,11 @@ class WebPage:
         return 255 * float(np.sqrt(np.mean((one - two) ** 2)))
 
     @property
+    def is_maximum(self) -> bool:
+        """Whether pixels show the largest of their splats."""
+        return not self.scene.settings.hides
+
+    @property
     def summary(self) -> str:
         """A line on size and error."""
         size, count = format_bytes(len(self.html.encode())), self.matter.counted(" splats")
@@ -152,10 +156,11 @@ class WebPage:
 
     def _about(self, names: list[str]) -> str:
         """Terms and descriptions: error, provenance, command. names: of the layers."""
+        joins = "shows the largest opacity and colour" if self.is_maximum else "composites splat by splat"
         levels = f"RMSE {self.rmse:.1f} levels of 255 (sRGB) over the first view, against the default method"
         rows = {
             "Difference": f"{levels}, whose picture is shown first and printed. "
-            "The page classifies voxels before reconstruction and composites splat by splat.",
+            f"The page classifies voxels before reconstruction and {joins}.",
             "Splats": self.matter.counted(joined=", joined from ") + ", quantised",
             "Source": self.source,
             "Layers": ", ".join(names) if len(self.splats.layers) > 1 else "",
@@ -178,6 +183,7 @@ class WebPage:
             "row": QUANTIZED_ROW,
             "classes": CLASSES,
             "step": splats.step,
+            "maximum": self.is_maximum,
             "grid": {
                 "matrix": grid.world_from_index.tolist(),
                 "origin": grid.origin.tolist(),

@@ -263,7 +263,7 @@ def draw_quantized(passes: Passes, splats: QuantizedSplats, planned: Plan) -> np
         splat_texture.use(SPLATS_UNIT)
         classes.use(CLASSES_UNIT)
         set_uniforms(program, quantized_splats=SPLATS_UNIT, class_table=CLASSES_UNIT, position_step=splats.step)
-        use_blend(ctx, "over", nearest_first=False)
+        use_blend(ctx, planned.program.appearance.join, nearest_first=False)
         target = passes.targets.get("draw", view.size, planned.target)
         target.clear()
         instances = ctx.buffer(numbers.tobytes())

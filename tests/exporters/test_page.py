@@ -50,6 +50,7 @@ SCENES: dict[str, tuple[sg.Volume, dict[str, Any]]] = {
     "cubes": (blobs(), {**LOOK, "shading": "on"}),
     "long voxels, tilted": (blobs((1.0, 0.8, 2.5), tilt=True), LOOK),
     "parallel": (blobs(), {**LOOK, "view": sg.View(orthographic=True, elevation=50)}),
+    "maxima": (blobs((1.0, 0.8, 2.5)), {**LOOK, "blend": "mip"}),
     "far": (blobs(), {**LOOK, "zoom": 0.2}),
     "colours of its own": (sg.scenes.tunnel(), {"size": 24, "crop": "0:40,0:40,100:104"}),
 }
@@ -225,8 +226,9 @@ BAD = [
     (["blobs.spz", "--points", "900:0,1000:1"], "scene: expected visible voxels or points, got none"),
     (
         ["blobs.html", "--blend", "xray"],
-        "blend: expected composite, got xray; pages and Gaussians are drawn one",
+        "blend of a page: expected composite or mip, got xray",
     ),
+    (["blobs.ply", "--blend", "mip"], "blend of Gaussians: expected composite, got mip"),
     (["blobs.html", "--max-size", "1kB"], "expected a page of at most"),
     (["missing/blobs.html", "--format", "obj"], "invalid choice"),
     (["blobs.html", "--points", "900:0,1000:1"], "expected"),

@@ -66,7 +66,9 @@ def octahedral_normal(code: np.ndarray) -> np.ndarray:
 
 
 def draw(page: PageSplats, camera: dict[str, Any], kernel: Any, antialias: bool = True) -> np.ndarray:
-    """Linear premultiplied float64 [H, W, 4] of a camera as page.js has it: every splat 'over' those behind it."""
+    """Linear premultiplied float64 [H, W, 4] of a camera as page.js has it: every splat 'over' those behind it, or the
+    maximum of all.
+    """
     grid, (width, height) = page.scene["grid"], camera["size"]
     turn, spacing = np.array(camera["axes"]), grid["spacing"]
     a = turn @ np.array(grid["matrix"]) / spacing
@@ -100,10 +102,16 @@ def draw(page: PageSplats, camera: dict[str, Any], kernel: Any, antialias: bool 
         tau = page.depth[n] * page.size[n] ** 3 / sizes.prod() * kernel.footprint(r)
         share = widths[:2].prod() / sizes.prod()
         opacity = share * -np.expm1(-tau / share)
+        if page.scene["maximum"]:
+            weight = np.clip(2.5 * kernel.footprint(r) / kernel.footprint(np.zeros(())) - 0.3, 0, 1)
+            opacity = -np.expm1(-page.depth[n]) * weight
         normal = turn @ page.normal[n]
-        light = 0.3 + 0.7 * abs(normal @ toward) if normal.any() else 1.0
-        picture[box] *= 1 - opacity[..., None]
-        picture[box] += opacity[..., None] * np.append(page.color[n] * light, 1.0)
+        light = 0.3 + 0.7 * abs(normal @ toward) if normal.any() and not page.scene["maximum"] else 1.0
+        light_of = opacity[..., None] * np.append(page.color[n] * light, 1.0)
+        behind = picture[box]
+        picture[box] = (
+            np.maximum(behind, light_of) if page.scene["maximum"] else (1 - opacity[..., None]) * behind + light_of
+        )
     return picture
 
 
