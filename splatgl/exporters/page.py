@@ -84,7 +84,7 @@ class WebPage:
     def of(cls, scene: OpenScene | SubjectView, how: DrawOptions, most: int, bits: int, command: str) -> WebPage:
         """The page of a scene. most: splats; bits: of values."""
         notes = [
-            f"{name.replace('_', ' ')} is in the first picture alone"
+            f"no {name.replace('_', ' ')} but in the first picture"
             for name in ("ambient_occlusion", "shadows")
             if getattr(scene.settings, name)
         ]
