@@ -123,7 +123,7 @@ def export(
         raise expected("path", "a file to write", "none", "without one there are pages alone")
     shown = [f"{name}={value!r}" for name, value in options.items() if isinstance(value, str | int | float)]
     words = [repr(Path(source).name) if source else "…", *([repr(target.name)] if target else []), *shown]
-    how = DrawOptions(is_shared=True, memory=options.get("memory"))
+    how = DrawOptions(is_shared=True, memory=given.get("memory"))
     with within(how.memory):
         scene = opened(scene_of(x, transfer, camera, settings, given))
         exporter = Exporter(scene, own, how, f"sg.export({', '.join(words)})")

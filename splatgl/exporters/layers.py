@@ -34,7 +34,9 @@ def join_layers(scene: OpenScene | SubjectView, settings: Settings, most: int, n
     """
     layers = [layer for layer in _layers(scene, settings, notes) if len(layer[0])]
     if not layers:
-        fix = LEFT_OUT if LEFT_OUT in notes else "change --points, --threshold or the cuts"
+        if isinstance(scene, OpenScene) and LEFT_OUT not in notes:
+            raise scene.nothing_visible()
+        fix = LEFT_OUT if LEFT_OUT in notes else "change the points, the threshold or the cuts"
         raise expected("scene", "visible voxels or points", "none", fix)
     base = max((splats for splats, _ in layers), key=_rank)
     for number, (splats, layer) in enumerate(layers):

@@ -149,9 +149,9 @@ class Painter {
     this.splatTexture = this.texture(gl.RGBA32UI, scene.row, splats.rows, gl.RGBA_INTEGER, gl.UNSIGNED_INT, splats.words);
     const side = scene.footprint.length, footprint = new Float32Array(side * side);
     footprint.forEach((_, n) => {
-      // radial values at distances from 0 to R: a share of the table's half side
+      // radial values at squared distances from 0 to R²: the square of the table's half side
       const [x, y] = [n % side, Math.floor(n / side)].map((k) => ((k + 0.5) / side) * 2 - 1);
-      const at = Math.min(Math.hypot(x, y), 1) * (side - 1), low = Math.min(Math.floor(at), side - 2);
+      const at = Math.min(x * x + y * y, 1) * (side - 1), low = Math.min(Math.floor(at), side - 2);
       footprint[n] = scene.footprint[low] * (1 - at + low) + scene.footprint[low + 1] * (at - low);
     });
     this.footprint = this.texture(gl.R16F, side, side, gl.RED, gl.FLOAT, footprint, gl.LINEAR);

@@ -33,7 +33,7 @@ from splatgl.planning.plan import Plan, plan
 from splatgl.planning.scene import Scene
 from splatgl.scene.draw import DrawOptions, SubjectView, draw
 from splatgl.scene.open_scene import OpenScene
-from splatgl.splat.kernels import Kernel
+from splatgl.splat.kernels import radial_table
 from splatgl.splat.quantized import CLASSES, QUANTIZED_ROW, JoinedMatter, QuantizedSplats
 from splatgl.splat.settings import Settings
 
@@ -196,7 +196,7 @@ class WebPage:
                 "offsets": {name: int(field[1]) for name, field in (FRAME.fields or {}).items()},
             },
             "style": _base64(style_block(outline, self.planned)),
-            "footprint": radial_footprint(self.planned.kernel),
+            "footprint": np.round(radial_table(self.planned.kernel, TABLE)[0, :, 0], DIGITS).tolist(),
             "layers": [
                 {"name": layer.name, "own": layer.own, "table": _base64(layer.table.astype("<f4"))}
                 for layer in splats.layers
@@ -254,12 +254,6 @@ def web_shaders(planned: Plan) -> dict[str, list[str]]:
 
     screen = [compose(*stage, is_web=True).source for stage in (("whole.vert", {}), ("screen.frag", {"OVERLAY": 0}))]
     return {"screen": screen, "on": texts(True), "off": texts(False)}
-
-
-def radial_footprint(kernel: Kernel, count: int = TABLE) -> list[float]:
-    """F/F(0) at `count` distances from 0 to R."""
-    value = kernel.footprint(np.linspace(0, kernel.radius, count)) / kernel.footprint(np.zeros(()))
-    return np.round(value, DIGITS).tolist()
 
 
 def camera_json(camera: Camera) -> dict[str, Any]:

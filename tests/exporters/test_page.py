@@ -223,7 +223,7 @@ BAD = [
     (["blobs.html", "--splats", "0"], "a whole number"),
     (["blobs.html", "--iso", "100"], "iso: expected no iso-surfaces among splats"),
     (["blobs.html", "--splats", "99999999"], "--splats: expected a whole number from 1 to 16777216"),
-    (["blobs.spz", "--points", "900:0,1000:1"], "scene: expected visible voxels or points, got none"),
+    (["blobs.spz", "--points", "900:0,1000:1"], "expected voxels with an opacity above the threshold 0, got none"),
     (
         ["blobs.html", "--blend", "xray"],
         "blend of a page: expected composite or mip, got xray",
