@@ -123,9 +123,9 @@ def sound_files() -> Iterator[None]:
     """Files that a test has just written by h5py are not first tried in another process, unless a test replaces what is
     tried there.
     """
-    probe, script = hdf5_files.probe, hdf5_files._PROBE
+    probe, usual = hdf5_files.probe, hdf5_files._LOOK
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hdf5_files, "probe", lambda path: None if script == hdf5_files._PROBE else probe(path))
+        patch.setattr(hdf5_files, "probe", lambda path: None if usual == hdf5_files._LOOK else probe(path))
         yield
 
 

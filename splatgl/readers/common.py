@@ -7,7 +7,6 @@ import gzip
 import logging
 import math
 import re
-import sys
 import warnings
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -226,25 +225,6 @@ _MISFIT = re.compile(
     r"has no setter|can't set attribute|module '.*' has no attribute|type object '.*' has no attribute|"
     r"unexpected keyword argument|required positional argument|cannot import name|No module named"
 )
-
-
-def run_elsewhere(program: Sequence[str], seconds: float) -> bool | None:
-    """Whether a Python program succeeds in a process of its own; None if it takes longer. What fails before it prints
-    something proves nothing, and counts as success.
-    """
-    import subprocess
-
-    # -P: the folder of a script holds modules with common names; on Windows no console opens
-    command, flags = [sys.executable, "-P", *program], getattr(subprocess, "CREATE_NO_WINDOW", 0)
-    none, out = subprocess.DEVNULL, subprocess.PIPE
-    try:
-        ended = subprocess.run(command, stdin=none, stdout=out, stderr=none, timeout=seconds, creationflags=flags)
-    except subprocess.TimeoutExpired:
-        return None
-    except OSError:
-        # the program that Python is embedded in, or none
-        return True
-    return ended.returncode == 0 or not ended.stdout
 
 
 @contextmanager

@@ -29,16 +29,22 @@ from splatgl.readers.common import (
     map_array,
     require_bytes,
     require_plausible,
-    run_elsewhere,
 )
+from splatgl.readers.elsewhere import look
 
 # most objects that are visited, soft links to one object, and numbers of an attribute or a dimension scale
 _MOST_OBJECTS, _MOST_LINKS, MOST_VALUES = 10_000, 32, 2**20
-_PROBE = Path(__file__).with_name("hdf5_probe.py")
-# seconds until the probe of a file is ended, which limits its processor time itself where the system can
-_PROBE_TIMEOUT = 60.0
-# whether the library fails on a file: by path, bytes, time
-_FAILED: dict[tuple[str, int, int], bool] = {}
+# the function that first reads a file, and its seconds of processor time: ten thousand objects take about one
+_LOOK, _LOOK_SECONDS = "hdf5_files.read_metadata", 3.0
+# attributes that the readers read by name, even if the list of all attributes is damaged
+_ATTRIBUTES = (
+    *("DIMENSION_LABELS", "DIMENSION_LIST", "axistags", "scale_factor", "add_offset", "_FillValue", "missing_value"),
+    *("element_size_um", "spacing", "Spacing", "voxel_size", "voxelSize", "VoxelSize", "voxelsize", "pixel_size"),
+    *("pixelSize", "resolution", "Resolution", "unit", "units", "positive", "standard_name", "coordinates", "axis"),
+    *("NAME", "Name", "Color", "ColorRange", "Unit", "long_name"),
+    *(f"{name}{axis}" for name in ("ExtMin", "ExtMax") for axis in range(3)),
+    *(f"ImageSize{axis}" for axis in "XYZ"),
+)
 
 
 def open_hdf5(path: Path) -> Any:
@@ -50,15 +56,53 @@ def open_hdf5(path: Path) -> Any:
 
 
 def probe(path: Path) -> None:
-    """Raises InputError if the C library of HDF5 or NetCDF crashes or loops on the file; tried in another process, once
-    per file.
-    """
-    status = path.stat()
-    key = (str(path.resolve()), status.st_size, status.st_mtime_ns)
-    if key not in _FAILED:
-        _FAILED[key] = run_elsewhere([str(_PROBE), str(path)], _PROBE_TIMEOUT) is not True
-    if _FAILED[key]:
-        raise InputError("cannot be read: the format's library fails on the file, which may be damaged")
+    """Raises InputError if the C library of HDF5 or NetCDF crashes or loops on the file, which is tried elsewhere."""
+    look(_LOOK, path, _LOOK_SECONDS)
+
+
+def read_metadata(path: Path) -> None:
+    """Reads the metadata of an HDF5 file, or of a classic NetCDF file, of whose variables also a number."""
+    with path.open("rb") as file:
+        is_classic = file.read(3) == b"CDF"
+    if not is_classic:
+        import h5py
+
+        # exceptions are left to the reader
+        with suppress(Exception), h5py.File(path, "r", locking=False) as opened:
+            opened.visititems(read_node)
+        return
+    netcdf = import_extra("netCDF4", "NetCDF-3 files", "netCDF4", "netcdf")
+    # without the limit of memory, the reader would try for long
+    with decoder_errors("NetCDF"):
+        opened = netcdf.Dataset(path)
+    opened.set_auto_maskandscale(False)
+    with suppress(Exception):
+        for owner in (opened, *opened.variables.values()):
+            for name in owner.ncattrs():
+                str(owner.getncattr(name))
+        for variable in opened.variables.values():
+            if variable.size:
+                str(variable[(-1,) * variable.ndim])
+
+
+def read_node(_name: str, node: Any) -> None:
+    """Reads the attributes of a group or dataset, and a dataset's fill value and chunk information."""
+    try:
+        names = list(node.attrs)
+    except Exception:
+        # their list is damaged
+        names = list(_ATTRIBUTES)
+    for name in names:
+        with suppress(Exception):
+            if node.attrs.get_id(name).get_storage_size() < 1 << 20:
+                str(node.attrs[name])
+    if hasattr(type(node), "fillvalue"):
+        with suppress(Exception):
+            str(node.fillvalue)
+        with suppress(Exception):
+            if node.chunks is not None and node.size and not node.is_virtual and not node.external:
+                node.id.get_storage_size()
+                node.id.get_chunk_info_by_coord((0,) * len(node.chunks))
 
 
 def find_datasets(file: Any) -> dict[str, Any]:

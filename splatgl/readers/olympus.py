@@ -17,60 +17,36 @@ from splatgl.data.times import seconds_in
 from splatgl.errors import expected, import_extra
 from splatgl.readers.channels import Channel
 from splatgl.readers.chunked import OneFile
-from splatgl.readers.common import parse_number, require_plausible
+from splatgl.readers.common import decoder_errors, parse_number, require_plausible
+from splatgl.readers.elsewhere import look
 from splatgl.readers.microscopes import Found, MicroscopeImage, Planes, check_planes, even_spacing, functions_of
 from splatgl.readers.tiff import logged_errors
 from splatgl.readers.tiff_validation import check_before_decoding
 
 # name of a plane: s_C001Z002T003.tif; others are previews
 _PLANE = re.compile(r"(?i)(?:.*[/\\])?s_?((?:[A-Z]\d{3,6})+)\.tif")
-# sectors that end a chain, or are none (MS-CFB §2.1)
-_LAST_SECTOR = 0xFFFFFFFA
-_COMPOUND = bytes.fromhex("d0cf11e0a1b11ae1")
+# seconds of processor time for the table of sectors
+_LOOK_SECONDS = 2.0
 
 
 def _open(path: Path) -> OneFile:
     oiffile = import_extra("oiffile", "Olympus's OIB files", "oiffile", "microscopes")
     if path.suffix.lower() != ".oif":
-        _check_sectors(np.memmap(path, np.uint8, mode="r"))
-        with closing(oiffile.oiffile.CompoundFile(path)) as compound:
-            if "OibInfo.txt" not in compound.files():
-                raise expected("file", "OibInfo.txt in it", "another compound file", "is this an OIB file?")
+        look("olympus.check_compound", path, _LOOK_SECONDS)
     return OneFile(path, oiffile.OifFile(path))
 
 
-def _check_sectors(data: np.ndarray) -> None:
-    """Raises InputError for a compound file whose chains of sectors do not end: the library would follow them forever.
-
-    Layout: MS-CFB §2.2 to 2.5.
+def check_compound(path: Path) -> None:
+    """Raises InputError for another compound file, and for one whose chains of sectors do not end: the library would
+    follow them forever, also when it opens the file.
     """
-    if len(data) < 512 or bytes(data[:8]) != _COMPOUND:
-        raise expected("first bytes", "those of a compound file", "others", "is this an OIB file?")
-    size = 1 << min(int(data[30]), 12)
-    sectors = len(data) // size
-    words = data[: 4 * (len(data) // 4)].view("<u4")
-    tables, following, more = int(words[11]), int(words[17]), int(words[18])
-    if max(tables, more) > sectors:
-        raise expected("sectors", f"at most {sectors} of tables", max(tables, more), "the file is damaged")
-    # 1. places of the table's sectors: 109 in the header, and in further sectors of which the last number leads on
-    places = words[19:128].tolist()
-    for _ in range(more):
-        listed = words[(following + 1) * (size // 4) :][: size // 4].tolist()
-        if len(listed) < size // 4:
-            raise expected("sectors", "tables in the file", f"sector {following}", "the file is damaged")
-        places += listed[:-1]
-        following = listed[-1]
-    parts = [words[(place + 1) * (size // 4) :][: size // 4] for place in places[:tables]]
-    table = np.concatenate([*parts, np.zeros(0, "<u4")]).astype(np.int64)
-    small = int(words[15]) if len(words) > 16 else _LAST_SECTOR
-    # 2. each sector's chain, also those of small sectors, ends within as many steps as there are sectors
-    _check_chains(table)
-    chain: list[int] = []
-    while small < min(len(table), _LAST_SECTOR) and len(chain) <= sectors:
-        chain.append(small)
-        small = int(table[small])
-    parts = [words[(place + 1) * (size // 4) :][: size // 4] for place in chain[: int(words[16])]]
-    _check_chains(np.concatenate([*parts, np.zeros(0, "<u4")]).astype(np.int64))
+    import oiffile
+
+    with decoder_errors("OIB"), closing(oiffile.oiffile.CompoundFile(path)) as compound:
+        for table in (compound._fat, compound._minifat):
+            _check_chains(np.array(table, np.int64))
+        if "OibInfo.txt" not in compound.files():
+            raise expected("file", "OibInfo.txt in it", "another compound file", "is this an OIB file?")
 
 
 def _check_chains(table: np.ndarray) -> None:

@@ -5,7 +5,6 @@ Without colours of its own a cloud shows its intensity in grey, else its height 
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -17,16 +16,15 @@ import numpy as np
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.points import Points, median_spacing, size_classes
 from splatgl.data.volume import MOST_LENGTH, Volume, empty_volume
-from splatgl.errors import InputError, expected, import_extra
+from splatgl.errors import expected, import_extra
 from splatgl.fileio import require_memory
-from splatgl.readers.common import MAX_BYTES, decoder_errors, read_text, require_bytes, require_plausible
+from splatgl.readers.common import decoder_errors, read_text, require_bytes, require_plausible
+from splatgl.readers.elsewhere import call
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.polygons import HEADER, read_ply
 
 # bytes of the header of a record of variable length in LAS
 VLR = 54
-# number of the record that describes how points are compressed
-LASZIP = 22204
 # most points of a chunk of LAS
 CHUNK = 2**20
 # bytes in memory of a point: places, colours, a value
@@ -75,15 +73,12 @@ def read(path: Path, options: LoadOptions) -> Volume:
     """
     with path.open("rb") as file:
         start = file.read(3)
-    load = {b"LAS": _read_las, b"ply": _read_ply}.get(start, _read_pcd)
-    try:
+    if start == b"LAS":
+        # the decoder of LAZ ends its process on damaged data
+        places, values, unit = call("points.read_las", path.stat().st_size, path)
+    else:
         with decoder_errors("points"):
-            places, values, unit = load(path)
-    except BaseException as error:
-        # the decoder of LAZ panics on damaged data
-        if type(error).__name__ != "PanicException":
-            raise
-        raise InputError("cannot be read as points; the file may be damaged") from None
+            places, values, unit = (_read_ply if start == b"ply" else _read_pcd)(path)
     return _make_volume(places, values, unit, options)
 
 
@@ -166,13 +161,16 @@ def _map_colors(values: np.ndarray, name: str) -> np.ndarray:
     return linear_from_srgb(np.stack(srgb, axis=1))
 
 
-def _read_las(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
+def read_las(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
     """LAS and LAZ: scaled in float64, in metres unless the file names another system of coordinates."""
     laspy = import_extra("laspy", "LAS and LAZ files", "laspy[lazrs]", "points")
-    _check_las(path)
-    with laspy.open(path, read_evlrs=False) as file:
+    with path.open("rb") as file:
+        start, records = np.frombuffer(file.read(104)[96:].ljust(8, b"\0"), "<u4").tolist()
+    require_bytes(records * VLR, start, "records of variable length")
+    with decoder_errors("points"), laspy.open(path, read_evlrs=False) as file:
         header = file.header
         there, count = path.stat().st_size, int(header.point_count)
+        require_plausible(count * int(header.point_format.size), there)
         if not header.are_points_compressed:
             require_bytes(int(header.offset_to_point_data) + count * int(header.point_format.size), there)
         require_memory(count * POINT_BYTES, there, "thin it out, such as with PDAL", "points")
@@ -195,61 +193,6 @@ def _read_las(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
         # the format has room for colours, which this file leaves black
         joined = {name: value for name, value in joined.items() if name not in ("red", "green", "blue")}
     return places, joined, _las_unit(header)
-
-
-def _check_las(path: Path) -> None:
-    """Raises InputError unless the records between the header and the points fit there, before laspy allocates them."""
-    there = path.stat().st_size
-    with path.open("rb") as file:
-        head = file.read(375)
-        require_bytes(227, len(head), "header")
-        at, start, count = (int.from_bytes(head[a:b], "little") for a, b in ((94, 96), (96, 100), (100, 104)))
-        require_bytes(start, there, "header")
-        packing = b""
-        for _ in range(min(count, start // VLR + 1)):
-            file.seek(at)
-            record = file.read(VLR)
-            length = int.from_bytes(record[20:22], "little")
-            packing = file.read(length) if int.from_bytes(record[18:20], "little") == LASZIP else packing
-            at += VLR + length
-            if at > start:
-                raise expected("records of variable length", f"{count} before the points", "more", "it is damaged")
-        size, points = int.from_bytes(head[105:107], "little"), int.from_bytes(head[107:111], "little")
-        points = max(points, int.from_bytes(head[247:255], "little") if head[25] >= 4 else 0)
-        require_plausible(points * size, there)
-        if head[104] >> 6 == 2:
-            # LASzip 3: kind, bytes and version of the items of a point
-            items = np.frombuffer(packing[34 : 34 + 6 * int.from_bytes(packing[32:34], "little")], "<u2")
-            if len(items) % 3 or items[1::3].sum() != size or not size:
-                raise expected("packed points", f"items of {size} bytes together", "others", "the file is damaged")
-            _check_chunks(file, start, (points, size), packing)
-
-
-def _check_chunks(file: BinaryIO, start: int, points: tuple[int, int], packing: bytes) -> None:
-    """Raises InputError for more or longer chunks of LAZ than the file can hold: the decoder would allocate them.
-
-    start: of the points; points: their number and bytes each; packing: contents of the record that describes them.
-    """
-    count, size = points
-    there = file.seek(0, io.SEEK_END)
-    lazrs = import_extra("lazrs", "LAZ files", "laspy[lazrs]", "points")
-    file.seek(start)
-    table = int.from_bytes(file.read(8), "little", signed=True)
-    # -1: the last bytes of the file say where it is
-    if table == -1 and there >= 8:
-        file.seek(there - 8)
-        table = int.from_bytes(file.read(8), "little", signed=True)
-    require_bytes(max(table, 0) + 8, there, "table of chunks")
-    file.seek(max(table, 0) + 4)
-    require_bytes(start + int.from_bytes(file.read(4), "little"), there, "chunks")
-    file.seek(start)
-    chunks = lazrs.read_chunk_table(file, lazrs.LazVlr(packing))
-    require_bytes(start + sum(packed for _, packed in chunks), there, "chunks")
-    # the decoder allocates the points of a whole chunk, of which the last may hold fewer
-    largest, most = max((held for held, _ in chunks), default=0), max(count, MAX_BYTES // size)
-    if largest > most or sum(held for held, _ in chunks) < count:
-        got = f"{largest} in one, {sum(held for held, _ in chunks)} in all"
-        raise expected("chunks", f"{count} points in all, at most {most} in one", got, "the file is damaged")
 
 
 def _las_unit(header: Any) -> str:

@@ -9,7 +9,7 @@ import math
 import struct
 import zlib
 from collections.abc import Callable, Iterable
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 from xml.etree.ElementTree import Element
@@ -17,8 +17,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.errors import expected, import_extra
-from splatgl.readers.common import MAX_BYTES, convert_words, decoder_errors, parse_number, run_elsewhere
+from splatgl.readers.common import MAX_BYTES, convert_words, decoder_errors, parse_number
 from splatgl.readers.dicom_frames import check_picture, picture_size
+from splatgl.readers.elsewhere import look
 
 # most planes of a series: a list of them takes memory, even if they are not in the file
 MAX_PLANES = 2**20
@@ -242,8 +243,7 @@ def check_before_decoding(pages: Iterable[Any]) -> None:
             continue
         if frame.compression in _XR:
             path = Path(page.parent.filehandle.path)
-            if missed := _try_elsewhere(str(path), path.stat().st_size, path.stat().st_mtime_ns):
-                raise expected("JPEG XR", f"pages that {missed}", "others", "the file is damaged")
+            look("tiff_validation.decode_pages", path, _XR_SECONDS + path.stat().st_size / _XR_BYTES)
         if frame.compression == _LZW:
             check: Callable[[bytes], None] = partial(check_lzw, reversed_bits=frame.fillorder == 2)
         else:
@@ -264,19 +264,18 @@ def _check_size(data: bytes, frame: Any, size_of: Callable[[bytes], Size]) -> No
     check_picture(size, int(frame.chunks[0]), int(frame.chunks[1]))
 
 
-# JPEG XR: its decoder crashes on damaged data, so that a file is decoded elsewhere first
-_XR = (22610, 34934)
-_TRY = "import sys, tifffile\nprint(1, flush=True)\nfor page in tifffile.TiffFile(sys.argv[1]).pages: page.asarray()"
-# most seconds to start, and bytes that are decoded in another one at the slowest: damaged data may loop
-_TRY_SECONDS, _TRY_BYTES = 6.0, 2**20
+# JPEG XR: its decoder crashes on damaged data, so that a file is decoded elsewhere first. Most seconds to start, and
+# bytes that are decoded in another one at the slowest: damaged data may loop
+_XR, _XR_SECONDS, _XR_BYTES = (22610, 34934), 6.0, 2**20
 
 
-@lru_cache(maxsize=64)
-def _try_elsewhere(path: str, size: int, _time: int) -> str:
-    """Returns how a message names pages that a process of its own decodes, if it fails on these; else ""."""
-    seconds = _TRY_SECONDS + size / _TRY_BYTES
-    succeeds = run_elsewhere(["-c", _TRY, path], seconds)
-    return f"are decoded in {seconds:.0f} s" if succeeds is None else "" if succeeds else "its library decodes"
+def decode_pages(path: Path) -> None:
+    """Decodes all pages of a file."""
+    import tifffile
+
+    with decoder_errors("TIFF"), tifffile.TiffFile(path) as tiff:
+        for page in tiff.pages:
+            page.asarray()
 
 
 class _CheckedDecoder:

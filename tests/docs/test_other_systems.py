@@ -19,6 +19,7 @@ from splatgl.cli import main as command_line
 from splatgl.data.mask import parse_mask
 from splatgl.errors import InputError
 from splatgl.fileio import budget, check_output, write_file
+from splatgl.readers import elsewhere as other_process
 from splatgl.readers.options import inside
 from splatgl.readers.remote import address_name, is_address
 from splatgl.scene.meshes import LOOK, split_look
@@ -146,36 +147,27 @@ def test_a_file_is_drawn(tmp_path: Path, elsewhere: dict[str, str]) -> None:
     assert "5" in run(elsewhere, "-m", "splatgl", "info", str(tmp_path / "v.h5"))
 
 
-def test_a_file_that_ends_hdf5_is_told_there_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_look_at_a_file_is_told_there_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the process that waits, where none can limit its own time; one that can't start says nothing of the file."""
-    hdf5_file = pytest.importorskip("splatgl.readers.hdf5_files")
-    file, probe = tmp_path / "v.h5", tmp_path / "probe.py"
-    file.write_bytes(b"v")
-    monkeypatch.setattr(hdf5_file, "_PROBE", probe)
-    monkeypatch.setattr(hdf5_file, "_PROBE_TIMEOUT", 2.0)
-    for code in ("print(1, flush=True)\nwhile True: pass", "print(1, flush=True)\nimport os; os._exit(3)"):
-        probe.write_text(code)
-        hdf5_file._FAILED.clear()
-        with pytest.raises(hdf5_file.InputError, match="the format's library fails on the file"):
-            hdf5_file.probe(file)
-    # a file that takes the process to its limit is tried once
-    probe.write_text("print(1)")
-    with pytest.raises(hdf5_file.InputError, match="the format's library fails on the file"):
-        hdf5_file.probe(file)
-    for code in ("import nothing_of_that_name", "print(1)"):
-        probe.write_text(code)
-        hdf5_file._FAILED.clear()
-        hdf5_file.probe(file)
+    monkeypatch.setattr(other_process, "_open", {})
+    monkeypatch.setattr(other_process, "_LOOKS", {})
+    for seconds in (0.0, 60.0):
+        # ended by its processor time, or by who waits; once
+        monkeypatch.setattr(other_process, "_LOOKS", {})
+        other_process.call("common.parse_number", 0, "1")
+        monkeypatch.setattr(other_process, "SECONDS", 5.0 - seconds)
+        with pytest.raises(InputError, match="the format's library crashes, takes too long"):
+            other_process.look("tests.helpers.hostile:loop", tmp_path, seconds)
+        monkeypatch.setattr(other_process, "SECONDS", 60.0)
     monkeypatch.setattr(sys, "executable", str(tmp_path / "none"))
-    hdf5_file._FAILED.clear()
-    hdf5_file.probe(file)
+    with pytest.raises(InputError, match="the format's library crashes"):
+        other_process.look("tests.helpers.hostile:loop", tmp_path, 1.0)
+    monkeypatch.setattr(other_process, "_LOOKS", {})
+    other_process.look("tests.helpers.hostile:loop", tmp_path, 1.0)
 
 
-def test_the_look_at_hdf5_is_limited_where_it_can_be(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_look_is_limited_where_it_can_be(monkeypatch: pytest.MonkeyPatch) -> None:
     """macOS refuses some limits; Windows has none, but windows that tell of a crash, and wait for a click."""
-    pytest.importorskip("h5py")
-    from splatgl.readers import hdf5_files, hdf5_probe
-
     limited, modes = dict[str, tuple[int, int]](), list[int]()
 
     def limit(name: str, most: tuple[int, int]) -> None:
@@ -183,15 +175,17 @@ def test_the_look_at_hdf5_is_limited_where_it_can_be(monkeypatch: pytest.MonkeyP
             raise ValueError("current limit exceeds maximum limit")
         limited[name] = most
 
-    there = SimpleNamespace(RLIMIT_CPU="time", RLIMIT_AS="memory", RLIMIT_CORE="dump", setrlimit=limit)
-    monkeypatch.setattr(hdf5_probe, "resource", there)
-    hdf5_probe.limit_process()
-    assert limited == {"time": (3, 3), "dump": (0, 0)} and hdf5_files._PROBE_TIMEOUT == 60.0
+    names = {"RLIMIT_CPU": "time", "RLIMIT_AS": "memory", "RLIMIT_CORE": "dump", "RLIM_INFINITY": -1}
+    there = SimpleNamespace(setrlimit=limit, getrlimit=lambda name: (0, -1), **names)
+    monkeypatch.setitem(sys.modules, "resource", there)
+    monkeypatch.setattr(other_process, "time", SimpleNamespace(process_time=lambda: 0.5))
+    other_process._limit(2**30, 3.0)
+    assert limited == {"time": (4, -1), "dump": (0, -1)}
     kernel = SimpleNamespace(SetErrorMode=modes.append)
     monkeypatch.setattr(ctypes, "windll", SimpleNamespace(kernel32=kernel), raising=False)
     monkeypatch.setattr(sys, "platform", "win32")
-    monkeypatch.setattr(hdf5_probe, "resource", None)
-    hdf5_probe.limit_process()
+    monkeypatch.setitem(sys.modules, "resource", None)
+    other_process._limit(2**30, 3.0)
     assert modes == [3]
 
 

@@ -34,7 +34,7 @@ import numpy as np
 from splatgl.errors import InputError, InputWarning
 from tests.fuzz.seed_files import Seed
 from tests.fuzz.seeds import SEEDS
-from tests.fuzz.watch import Watch, quick_looks, read
+from tests.fuzz.watch import Watch, read, start_elsewhere
 
 LIMIT = 2**30
 """Bytes of address space, and of resident memory, that reading one file may add: twice the readers' MAX_BYTES."""
@@ -214,7 +214,7 @@ def work(reader: str, indices: range, seed: int, folder: Path, pipe: Connection)
     """Reads files one by one and sends (number, outcome, message)."""
     # 1. sound files, so that imports, and threads and processes that libraries keep, do not count; then the limits
     warnings.simplefilter("ignore", InputWarning)
-    quick_looks(reader, list(SEEDS[reader]()[0].files))
+    start_elsewhere()
     for number, sound in enumerate(SEEDS[reader]()):
         outcome(_place(sound.files, folder.with_name(f"{folder.name}-{number}")) / sound.main, sound.kind)
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()

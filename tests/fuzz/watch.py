@@ -1,18 +1,15 @@
-"""What readers.py does with a file, and watches while it does: deep reading, leaks, and quick looks elsewhere."""
+"""What readers.py does with a file, and watches while it does: deep reading, and leaks."""
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import gc
 import os
 import re
 import resource
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +17,7 @@ import splatgl as sg
 from splatgl.cli.volume_info import describe
 from splatgl.data.volume import Volume
 from splatgl.errors import MissingOption
-from splatgl.readers import elsewhere, hdf5_files, list_volumes, tiff_validation
+from splatgl.readers import elsewhere, list_volumes
 from splatgl.scene.scene_file import SceneFile
 
 TOUCH = 2**22
@@ -35,12 +32,6 @@ EVERY, GROWTH = 500, 48 * 2**20
 
 LONG = 10.0
 """Most seconds that VTK may read a file."""
-
-LOOK = 3
-"""Most seconds of processor time of a look elsewhere."""
-
-XR = "tiff-xr"
-"""Seeds whose pictures are first decoded in another process."""
 
 
 # --- reading ----------------------------------------------------------------------------------------------------------
@@ -139,69 +130,13 @@ class Watch:
         return len(os.listdir("/proc/self/fd")), maps, len(task.read_text().split()), left
 
 
-# --- looks elsewhere --------------------------------------------------------------------------------------------------
+# --- the other process ------------------------------------------------------------------------------------------------
 
 
-def quick_looks(reader: str, names: Sequence[str]) -> None:
-    """Has a process that never opens a file fork for each look of the reader at a file of HDF5 or JPEG XR in another
-    process: a new Python takes 0.3 s each time.
-
-    names: of the reader's files. The look is the reader's own, with the same limits.
-    """
-    module: Any
-    # the process of VTK's readers is there from the beginning
+def start_elsewhere() -> None:
+    """Starts the process that reads and looks at files beside this one, which is there from the beginning."""
     elsewhere.call("common.parse_number", 0, "1")
     elsewhere.SECONDS = LONG
-    if reader == XR:
-        import imagecodecs  # noqa: F401
-
-        module, script = tiff_validation, tiff_validation._TRY
-    elif uses_hdf5(names):
-        import h5py  # noqa: F401
-
-        module, script = hdf5_files, hdf5_files._PROBE.read_text(encoding="utf-8")
-    else:
-        return
-    ours, theirs = os.pipe()
-    answers, answer = os.pipe()
-    if not os.fork():
-        _serve(ours, answer, script)
-    for end in (ours, answer):
-        os.close(end)
-
-    def run(program: Sequence[str], _seconds: float) -> bool:
-        os.write(theirs, os.fsencode(program[-1]) + b"\0")
-        return int(os.read(answers, 16)) == 0
-
-    module.run_elsewhere = run
-
-
-def _serve(ours: int, answer: int, script: str) -> None:
-    """Answers each path with the exit status of a script, until the pipe is closed."""
-    silent = os.open(os.devnull, os.O_RDWR)
-    for number in (0, 1, 2):
-        os.dup2(silent, number)
-    # the pipe to the process that counts must end with the one that reads
-    for number in map(int, os.listdir("/proc/self/fd")):
-        if number > 2 and number not in (ours, answer):
-            with contextlib.suppress(OSError):
-                os.close(number)
-    while path := os.read(ours, 4096):
-        child = os.fork()
-        if not child:
-            # processor time of the parent does not count
-            resource.setrlimit(resource.RLIMIT_CPU, (LOOK, LOOK))
-            sys.argv = ["look", os.fsdecode(path.rstrip(b"\0"))]
-            try:
-                exec(script, {"__name__": "__main__"})
-            except SystemExit as ended:
-                os._exit(int(ended.code or 0))
-            except BaseException:
-                os._exit(1)
-            os._exit(0)
-        _, status = os.waitpid(child, 0)
-        os.write(answer, str(status).encode())
-    os._exit(0)
 
 
 def uses_hdf5(names: Sequence[str]) -> bool:

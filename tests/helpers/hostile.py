@@ -55,5 +55,10 @@ def spin(path: str) -> None:
     """Notes a call in a file, and does not end."""
     with Path(path).open("a") as file:
         file.write("called\n")
+    loop(path)
+
+
+def loop(_path: str | Path) -> None:
+    """Does not end."""
     while True:
         pass

@@ -217,11 +217,9 @@ def test_filters_of_hdf5plugin(tmp_path: Path, name: str) -> None:
 
 def test_files_on_which_the_library_fails_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A process of its own looks first; here it is one that ends as a crashed one does."""
-    crash = tmp_path / "crash.py"
-    crash.write_text("import os\nprint(1, flush=True)\nos.abort()\n")
     path = save(tmp_path / "a.h5")
-    monkeypatch.setattr(hdf5_files, "_PROBE", crash)
-    with pytest.raises(InputError, match="the format's library fails on the file"):
+    monkeypatch.setattr(hdf5_files, "_LOOK", "os:abort")
+    with pytest.raises(InputError, match="the format's library crashes"):
         load(path)
 
 
@@ -510,21 +508,17 @@ def test_attributes_that_cannot_be_listed_are_looked_at_by_name() -> None:
             self.asked.append(name)
             raise KeyError(name)
 
-    from splatgl.readers import hdf5_probe
-
-    hdf5_probe.read_node("a", SimpleNamespace(attrs=Attributes()))
+    hdf5_files.read_node("a", SimpleNamespace(attrs=Attributes()))
     assert {"DIMENSION_LABELS", "axistags", "units", "ExtMin0", "ImageSizeX"} <= set(Attributes.asked)
     assert set(_SPACINGS) <= set(Attributes.asked)
 
 
 def test_the_look_at_a_file_asks_for_fill_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a damaged message HDF5's library reads beyond it."""
-    from splatgl.readers import hdf5_probe
-
     asked: list[str] = []
     monkeypatch.setattr(h5py.Dataset, "fillvalue", property(lambda dataset: asked.append(dataset.name)))
     with h5py.File(tmp_path / "a.h5", "w") as file:
-        hdf5_probe.read_node("a", file.create_dataset("a", data=np.zeros((3, 3, 3))))
+        hdf5_files.read_node("a", file.create_dataset("a", data=np.zeros((3, 3, 3))))
     assert asked == ["/a"]
 
 

@@ -155,7 +155,7 @@ def test_chains_of_an_oib_that_never_end(tmp_path: Path) -> None:
     place = 512 * (int.from_bytes(data[76:80], "little") + 1)
     data[place : place + 4] = bytes(4)
     (tmp_path / "a.oib").write_bytes(data)
-    with pytest.raises(InputError, match="chains that end"):
+    with pytest.raises(InputError, match=r"chains that end|takes too long"):
         load(tmp_path / "a.oib")
 
 

@@ -226,17 +226,17 @@ def test_damaged_files_are_told_in_a_line(tmp_path: Path, rng: np.random.Generat
     table = int.from_bytes(packed[(start := int.from_bytes(packed[96:100], "little")) : start + 8], "little")
     for changed in (packed[: table + 4] + b"\xff\xff\xff\x7f" + packed[table + 8 :], packed[: table + 8] + b"\xff" * 4):
         (tmp_path / "b.laz").write_bytes(changed)
-        with pytest.raises(sg.InputError, match="chunks"):
+        with pytest.raises(sg.InputError, match=r"may be damaged|is damaged|cut short"):
             sg.load(tmp_path / "b.laz")
     # a chunk of a billion points, for which the decoder would end the process
     record = packed.index(b"laszip encoded") - 2 + 54
     (tmp_path / "b.laz").write_bytes(packed[: record + 12] + b"9999" + packed[record + 16 :])
-    with pytest.raises(sg.InputError, match="chunks: expected 3 points in all"):
+    with pytest.raises(sg.InputError, match="may be damaged"):
         sg.load(tmp_path / "b.laz")
     # items without bytes, by which the decoder would divide and print a trace
     item = record + 36
     (tmp_path / "b.laz").write_bytes(packed[:item] + bytes(2) + packed[item + 2 :])
-    with pytest.raises(sg.InputError, match="packed points: expected items of"):
+    with pytest.raises(sg.InputError, match="may be damaged"):
         sg.load(tmp_path / "b.laz")
     assert median_spacing(np.array([[0, 0, 0], [0, 0, 5e-320]])) == 1.0
     write_pcd(tmp_path / "a.pcd", "binary_compressed")
