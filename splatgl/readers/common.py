@@ -111,8 +111,6 @@ def map_array(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) ->
 
     If the file is truncated later, reading the array's missing pages crashes the process.
     """
-    if offset < 0:
-        raise expected("data", "a position in the file", f"byte {offset}", "the header is damaged")
     require_bytes(byte_count(shape, dtype), path.stat().st_size - offset)
     with decoder_errors("mapped samples"):
         return np.memmap(path, dtype=dtype, mode="r", offset=offset, shape=tuple(int(size) for size in shape))

@@ -199,19 +199,14 @@ def attribute_text(node: Any, name: str) -> str:
     return "".join(attribute_texts(node, name))
 
 
-def has_real_numbers(dataset: Any) -> bool:
-    """Whether a dataset has real numbers, of a type that numpy knows."""
+def has_numbers(dataset: Any, kinds: str = "buifcV") -> bool:
+    """Whether a dataset has numbers of these kinds, of a type that numpy knows; MATLAB writes complex ones (V) as pairs
+    named real and imag.
+    """
     try:
-        return dataset.dtype.kind in "buif" and dataset.shape is not None
-    except (TypeError, ValueError, RuntimeError, OverflowError):
-        return False
-
-
-def has_numbers(dataset: Any) -> bool:
-    """Whether a dataset has real or complex numbers; MATLAB writes complex ones as pairs named real and imag."""
-    try:
-        pairs = dataset.dtype.names == ("real", "imag") and {dataset.dtype[n].kind for n in (0, 1)} <= set("iuf")
-        return has_real_numbers(dataset) or ((pairs or dataset.dtype.kind == "c") and dataset.shape is not None)
+        dtype = dataset.dtype
+        pairs = dtype.names == ("real", "imag") and {dtype[n].kind for n in (0, 1)} <= set("iuf")
+        return dataset.shape is not None and dtype.kind in kinds and (pairs or dtype.kind != "V")
     except (TypeError, ValueError, RuntimeError, OverflowError):
         return False
 

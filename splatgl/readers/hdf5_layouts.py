@@ -30,7 +30,7 @@ from splatgl.readers.hdf5_files import (
     attribute_texts,
     dimension_scales,
     find_node,
-    has_real_numbers,
+    has_numbers,
     open_hdf5,
     read_samples,
 )
@@ -38,6 +38,8 @@ from splatgl.readers.options import LoadOptions
 
 # most groups from the root to NeXus' default data; most bytes of Velox' description of an image
 _DEPTH, _MOST_BYTES = 8, 2**20
+# kinds of real numbers
+REAL = "buif"
 # units of length that EMD's files spell in their own way
 _EMD_UNITS = {"[n_m]": "nm", "[u_m]": "um", "[m_m]": "mm", "A": "Å", "[Å]": "Å"}
 
@@ -63,7 +65,7 @@ class AxisScale:
     def fits(self, size: int) -> bool:
         """Whether the coordinates are those of `size` samples."""
         counts = {(size,), *[(2,)] * self.ends, *[(size + 1,)] * self.faces}
-        return has_real_numbers(self.node) and self.node.shape in counts
+        return has_numbers(self.node, REAL) and self.node.shape in counts
 
     def spread(self, places: np.ndarray, size: int) -> np.ndarray:
         """The coordinates of `size` samples out of those of the dataset."""
@@ -80,8 +82,6 @@ def axis_scales(dataset: Any) -> list[AxisScale | None]:
     if any(scale is not None for scale in scales):
         return [None if node is None else AxisScale(node, _last_name(node)) for node in scales]
     none: list[AxisScale | None] = [None] * len(dataset.shape)
-    if not hasattr(dataset, "parent"):
-        return none
     parent = dataset.parent
     if "emd_group_type" in parent.attrs:
         return _emd_scales(dataset, parent) or none
@@ -192,7 +192,7 @@ def _velox_grid(dataset: Any, parent: Any) -> tuple[CoordinateGrid, None] | None
 def _numbers(parent: Any, name: str, default: np.ndarray) -> np.ndarray:
     """The numbers of a small dataset; the default for another count."""
     node = find_node(parent.file, f"{parent.name}/{name}", anywhere=False)
-    if not hasattr(node, "shape") or not has_real_numbers(node) or np.prod(node.shape) != default.size:
+    if not hasattr(node, "shape") or not has_numbers(node, REAL) or np.prod(node.shape) != default.size:
         return default
     return np.asarray(node[()], np.float64).ravel()
 
@@ -278,8 +278,6 @@ def _count_groups(group: Any, name: str, most: int = _MOST_ENTRIES) -> int:
     count = 0
     while count < most and f"{name} {count}" in group:
         count += 1
-    if not count:
-        raise expected("file", f"a group '{name} 0'", "none", "is this an Imaris file?")
     return count
 
 
@@ -290,7 +288,7 @@ def _sizes(channel: Any, padded: Sequence[int]) -> list[int]:
 def _read_volume(path: Path, channel: Any, image: Any, options: LoadOptions, whole: Any) -> Volume:
     """The volume of a channel at a level. whole: its group at the finest level."""
     data = find_node(channel, "Data", options.anywhere)
-    if not hasattr(data, "shape") or not has_real_numbers(data) or len(data.shape) != 3:
+    if not hasattr(data, "shape") or not has_numbers(data, REAL) or len(data.shape) != 3:
         raise expected(f"{channel.name}/Data", "a dataset of real numbers with three axes", "none")
     # 1. the part of the dataset that is the image
     padded = data.shape[::-1]

@@ -78,8 +78,6 @@ def read(path: Path, options: LoadOptions) -> Volume:
     for a picture of another size or type than the first.
     """
     files, left = _find_pictures(path)
-    if len(files) < 2:
-        raise expected("pictures", "at least two slices", len(files), "check the pattern")
     _check_series(files)
     stacks, channels, times, notes = _arrange(files)
     first = _read_plane(files[0])

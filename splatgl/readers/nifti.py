@@ -99,8 +99,6 @@ def read_mgh(path: Path, options: LoadOptions) -> Volume:
     read_samples = _open_samples(path, sizes, _MGH_TYPES[code], _MGH_START)
     with decoder_errors("MGH"):
         affine = nibabel.freesurfer.mghformat.MGHHeader(first).get_affine()
-    if sizes[3] == 1 and options.array is not None:
-        options.array_number(1)
     volume = volume_on_affine(read_samples(options.index(sizes, {3: "array"})), affine)
     note = "the header states no orientation (goodRASFlag 0): coronal slices of voxels of 1 mm are taken"
     is_oriented = any(first[_RAS_FLAG])
@@ -219,8 +217,6 @@ def _open_samples(
     if dtype.kind not in "uifc" and dtype.names not in (("R", "G", "B"), ("R", "G", "B", "A")):
         raise expected("samples", "numbers or colours", dtype, "convert the file to one number per voxel")
     check_sizes(shape)
-    if start < 0:
-        raise expected("vox_offset", "a position in the file", start, "the header is damaged")
     needed, there, packed = start + byte_count(shape, dtype), path.stat().st_size, packing_of(path)
     if packed:
         require_plausible(needed, there, bounded=packed == "gzip")

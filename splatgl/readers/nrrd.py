@@ -43,20 +43,6 @@ from splatgl.readers.common import (
 )
 from splatgl.readers.options import LoadOptions
 
-_TYPES = {
-    "i1": "signed char, int8, int8_t",
-    "u1": "uchar, unsigned char, uint8, uint8_t",
-    "i2": "short, short int, signed short, signed short int, int16, int16_t",
-    "u2": "ushort, unsigned short, unsigned short int, uint16, uint16_t",
-    "i4": "int, signed int, int32, int32_t",
-    "u4": "uint, unsigned int, uint32, uint32_t",
-    "i8": "longlong, long long, long long int, signed long long, signed long long int, int64, int64_t",
-    "u8": "ulonglong, unsigned long long, unsigned long long int, uint64, uint64_t",
-    "f4": "float",
-    "f8": "double",
-}
-_CODES = {spelling: code for code, spellings in _TYPES.items() for spelling in spellings.split(", ")}
-
 # frames by name; in the scanner's and other frames "superior" need not be +z
 _FRAMES = {
     **dict.fromkeys(("left-posterior-superior", "lps", "left-posterior-superior-time", "lpst"), "LPS"),
@@ -301,7 +287,11 @@ def _space_axes(header: Header, sizes: list[int]) -> list[int]:
 
 def _read_data(path: Path, header: Header, start: int, shape: list[int], anywhere: bool) -> np.ndarray:
     encoding = str(header["encoding"]).lower()
-    dtype = _dtype(header, encoding)
+    nrrd = import_extra("nrrd", "NRRD files", "pynrrd", "readers")
+    with decoder_errors("NRRD"):
+        dtype = nrrd.reader._determine_datatype(header)
+    if dtype.kind not in "iuf":
+        raise expected("type", "a real number type", repr(header["type"]))
     # the data: here, in another file, or in several, which are all checked before any is read
     name = header.get("data file", header.get("datafile"))
     if name is None:
@@ -365,18 +355,6 @@ def _read_file(path: Path, header: Header, start: int, shape: list[int], dtype: 
             text = io.BytesIO(file.read().replace(b",", b" "))
             return read_text(text, dtype, shape, text.getbuffer().nbytes)
     raise expected("encoding", "raw, gzip, bzip2 or text", repr(encoding), "convert the file to gzip")
-
-
-def _dtype(header: Header, encoding: str) -> np.dtype:
-    if header["type"] not in _CODES:
-        raise expected("type", "a real number type", repr(header["type"]))
-    dtype = np.dtype(_CODES[header["type"]])
-    if dtype.itemsize == 1 or encoding in _TEXT:
-        return dtype
-    endian = str(header.get("endian", "missing")).lower()
-    if endian not in ("little", "big"):
-        raise expected("endian", "little or big", endian)
-    return dtype.newbyteorder("<" if endian == "little" else ">")
 
 
 def _skip_lines(path: Path, start: int, lines: int) -> int:

@@ -17,6 +17,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.errors import expected, import_extra
+from splatgl.fileio import require_memory
 from splatgl.readers.common import MAX_BYTES, convert_words, decoder_errors, parse_number
 from splatgl.readers.dicom_frames import check_picture, picture_size
 from splatgl.readers.elsewhere import look
@@ -85,10 +86,7 @@ def _read_layout(head: bytes) -> tuple[_Layout, int] | None:
     order = {b"II": "<", b"MM": ">"}.get(head[:2])
     if order is None or len(head) < 16:
         return None
-    (version,) = struct.unpack_from(order + "H", head, 2)
-    if version not in (42, 43):
-        return None
-    big = version == 43
+    big = struct.unpack_from(order + "H", head, 2)[0] == 43
     return _Layout(order, big), struct.unpack_from(order + ("Q" if big else "I"), head, 8 if big else 4)[0]
 
 
@@ -243,7 +241,7 @@ def check_before_decoding(pages: Iterable[Any]) -> None:
             continue
         if frame.compression in _XR:
             path = Path(page.parent.filehandle.path)
-            look("tiff_validation.decode_pages", path, _XR_SECONDS + path.stat().st_size / _XR_BYTES)
+            look(_XR_LOOK, path, _XR_SECONDS + path.stat().st_size / _XR_BYTES)
         if frame.compression == _LZW:
             check: Callable[[bytes], None] = partial(check_lzw, reversed_bits=frame.fillorder == 2)
         else:
@@ -264,9 +262,9 @@ def _check_size(data: bytes, frame: Any, size_of: Callable[[bytes], Size]) -> No
     check_picture(size, int(frame.chunks[0]), int(frame.chunks[1]))
 
 
-# JPEG XR: its decoder crashes on damaged data, so that a file is decoded elsewhere first. Most seconds to start, and
-# bytes that are decoded in another one at the slowest: damaged data may loop
-_XR, _XR_SECONDS, _XR_BYTES = (22610, 34934), 6.0, 2**20
+# JPEG XR: its decoder crashes on damaged data, so that a file is decoded elsewhere first, by this function. Most
+# seconds, and bytes that are decoded in another one at the slowest: damaged data may loop
+_XR, _XR_LOOK, _XR_SECONDS, _XR_BYTES = (22610, 34934), "tiff_validation.decode_pages", 6.0, 2**20
 
 
 def decode_pages(path: Path) -> None:
@@ -275,6 +273,7 @@ def decode_pages(path: Path) -> None:
 
     with decoder_errors("TIFF"), tifffile.TiffFile(path) as tiff:
         for page in tiff.pages:
+            require_memory(page.nbytes, path.stat().st_size)
             page.asarray()
 
 
