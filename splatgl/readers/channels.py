@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -40,14 +41,14 @@ class Channel:
 
 @dataclass(frozen=True)
 class ChannelSet:
-    """channels: of a file, empty if it has only one. together: whether the file shows them as one picture.
-    times: number of time points; step: seconds between two, None if unknown; moments: as of a volume. components:
-    numbers per voxel without channels, such as those of a colour; `channel` picks one. what: the name of the channels
-    in messages.
+    """channels: of a file, empty if it has only one. together: whether the file shows them as one picture; None: if one
+    has a colour. times: number of time points; step: seconds between two, no positive number if unknown; moments: as of
+    a volume. components: numbers per voxel without channels, such as those of a colour; `channel` picks one. what: the
+    name of the channels in messages.
     """
 
     channels: tuple[Channel, ...] = ()
-    together: bool = False
+    together: bool | None = None
     times: int = 1
     step: float | None = None
     components: int = 1
@@ -64,7 +65,8 @@ class ChannelSet:
             if requested in ("all", None):
                 return [None]
             return [requested if isinstance(requested, int) else self._number(str(requested), count)]
-        if requested is None and not self.together:
+        together = any(channel.color for channel in self.channels) if self.together is None else self.together
+        if requested is None and not together:
             fix = f"pick with channel=0 … channel={count - 1}, channel=all"
             error = expected("axes", "one sample per voxel", f"{count} {self.what}", fix)
             raise MissingOption(
@@ -99,7 +101,8 @@ class ChannelSet:
         off = [channel.name or str(n) for n, channel in enumerate(self.channels) if n not in numbers]
         if off and options.channel is None and None not in numbers:
             notes = (*notes, f"channel {list_names(off)}: switched off in the file; --channel all draws every channel")
-        first = replace(volumes[0], times=self.times, time_step=self.step, time=options.point, notes=notes)
+        step = self.step if 0 < (self.step or 0) < math.inf else None
+        first = replace(volumes[0], times=self.times, time_step=step, time=options.point, notes=notes)
         first = replace(first, moments=self.moments)
         return replace(first, channels=tuple(volumes)) if len(volumes) > 1 else first
 

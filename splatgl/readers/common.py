@@ -197,6 +197,21 @@ def find_data_file(header: Path, name: str, anywhere: bool) -> Path:
     return path
 
 
+def stack_files(
+    header: Path, names: Sequence[str], axes: int, shape: Sequence[int], anywhere: bool, read: Callable[..., np.ndarray]
+) -> np.ndarray:
+    """The samples [shape] of several data files of a header, which are all found before one is read. axes: of each
+    file, the last of the shape. read: reads a file's samples of such a shape.
+    """
+    outer, inner = shape[: len(shape) - axes], shape[len(shape) - axes :]
+    if len(names) != math.prod(outer):
+        raise expected("data file", f"{math.prod(outer)} files", len(names), "the header is damaged")
+    files = [find_data_file(header, name, anywhere) for name in names]
+    first = read(files[0], inner)
+    require_memory(first.nbytes * len(files), sum(file.stat().st_size for file in files))
+    return np.stack([first, *(read(file, inner) for file in files[1:])]).reshape(tuple(shape))
+
+
 @contextmanager
 def decoder_errors(title: str) -> Iterator[None]:
     """Converts any exception of a decoder into one InputError.

@@ -6,7 +6,6 @@ stored column by column), so that its transpose is `Volume.direction`. World coo
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import replace
 from itertools import takewhile
@@ -26,6 +25,7 @@ from splatgl.readers.common import (
     inflate,
     map_array,
     read_text,
+    stack_files,
 )
 from splatgl.readers.options import LoadOptions
 
@@ -64,7 +64,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     shape = (*sizes[::-1], channels)
     times = sizes[3] if len(sizes) > 3 else 1
     step = _numbers(fields, ("ElementSpacing", "ElementSize"), [1.0] * 4)[3:4]
-    time_points = ChannelSet(times=times, step=step[0] if times > 1 and step and 0 < step[0] < np.inf else None)
+    time_points = ChannelSet(times=times, step=step[0] if times > 1 and step else None)
 
     def read_samples(_: int | None) -> Volume:
         samples = _read_data(path, fields, (files, start), shape, options.anywhere)
@@ -168,45 +168,29 @@ def _list_files(name: str, names: list[str], shape: tuple[int, ...]) -> tuple[li
     return [words[0] % number for number in range(first, last + 1, max(step, 1))[: _LINES_LIMIT + 1]], len(shape) - 2
 
 
-def _read_slices(
-    path: Path, fields: Fields, of: tuple[list[str], int], shape: tuple[int, ...], anywhere: bool
-) -> np.ndarray:
-    """Samples [shape] of several files. of: their names, and the number of their axes without channels."""
-    names, axes = of
-    inner, dtype = shape[len(shape) - 1 - axes :], _dtype(fields)
-    count = math.prod(shape[: len(shape) - 1 - axes])
-    if len(names) != count:
-        raise expected("ElementDataFile", f"{count} files of slices", len(names), "the header is damaged")
-    skip, binary = _integer(fields, "HeaderSize", 0), _flag(fields, "BinaryData", True)
-    if skip < -1 or not binary or _flag(fields, "CompressedData", False):
-        raise expected("files of slices", "uncompressed binary files", "other files", "join them in one file")
-    files = [find_data_file(path, name, anywhere) for name in names]
-    size = byte_count(inner, dtype)
-    # check all files before any is read
-    starts = [max(file.stat().st_size - size, 0) if skip == -1 else skip for file in files]
-    parts = [map_array(file, start, dtype, inner) for file, start in zip(files, starts, strict=True)]
-    return np.stack(parts).reshape(shape)
-
-
 def _read_data(
     path: Path, fields: Fields, behind: tuple[list[str], int], shape: tuple[int, ...], anywhere: bool
 ) -> np.ndarray:
-    """Samples [shape]. behind: names and offset behind the header's fields."""
-    dtype, start, name = _dtype(fields), behind[1], fields["ElementDataFile"]
-    # 1. the file: this one, another, or several
+    """Samples [shape] of this file, another, or several. behind: names and offset behind the header's fields."""
+    name = fields["ElementDataFile"]
     if not name:
         raise expected("ElementDataFile", "LOCAL, LIST or a name", "none")
-    of = _list_files(name, behind[0], shape)
-    if of[1]:
-        return _read_slices(path, fields, of, shape, anywhere)
-    if name.upper() != "LOCAL":
-        path, start = find_data_file(path, name, anywhere), 0
-    # 2. the coding: text, zlib or plain; HeaderSize -1 counts from the end
+    if name.upper() == "LOCAL":
+        return _read_file(path, fields, behind[1], shape)
+    names, axes = _list_files(name, behind[0], shape)
+    if not axes:
+        return _read_file(find_data_file(path, name, anywhere), fields, 0, shape)
+    # channels of a voxel are an axis, too
+    return stack_files(path, names, axes + 1, shape, anywhere, lambda file, of: _read_file(file, fields, 0, of))
+
+
+def _read_file(path: Path, fields: Fields, start: int, shape: tuple[int, ...]) -> np.ndarray:
+    """Samples [shape] of a file from byte `start` on: text, zlib or plain; HeaderSize -1 counts from the end."""
+    dtype, skip = _dtype(fields), _integer(fields, "HeaderSize", 0)
     if not _flag(fields, "BinaryData", True):
         with path.open("rb") as file, decoder_errors("MetaImage text data"):
             file.seek(start)
             return read_text(file, dtype, shape, path.stat().st_size - start)
-    skip = _integer(fields, "HeaderSize", 0)
     if skip < -1:
         raise expected("HeaderSize", "-1 (from the end), 0 or more", skip)
     if _flag(fields, "CompressedData", False):

@@ -147,8 +147,7 @@ def _read_image(
     sizes = dict(zip(image.axes, image.shape, strict=True))
     count = sizes.get("C", 1)
     channels = (*image.channels, *(Channel(str(n)) for n in range(len(image.channels), count)))[:count]
-    together = any(channel.color for channel in channels)
-    channel_set = ChannelSet(channels, together, sizes.get("T", 1), image.step, sizes.get("S", 1))
+    channel_set = ChannelSet(channels, None, sizes.get("T", 1), image.step, sizes.get("S", 1))
     if all(axis in ORDER for axis in image.axes):
         options.reject("array", f"an axis beside time, channels and space, where this has {image.axes}")
 
@@ -248,7 +247,7 @@ def _read_steps(node: Any) -> tuple[tuple[float, float, float], str, float | Non
         elif letter:
             metres = metres_in(name)
             steps[letter], unit = step * (metres * 1e6 if metres else 1.0), "um" if metres else unit
-    return even_spacing(*(steps.get(axis, 0.0) for axis in "XYZ")), unit, steps.get("T") or None
+    return even_spacing(*(steps.get(axis, 0.0) for axis in "XYZ")), unit, steps.get("T")
 
 
 def _read_channels(node: Any) -> tuple[Channel, ...]:
@@ -311,7 +310,7 @@ def _find_nd2_images(path: Path) -> Found:
                 names,
                 even_spacing(x, y, z if "Z" in axes else 0.0),
                 "um" if x > 0 else "",
-                _time_step(source),
+                next((loop.parameters.periodMs / 1000 for loop in loops if loop.type == "TimeLoop"), None),
                 max(math.prod(counts) - stored, 0),
             )
         )
@@ -333,13 +332,6 @@ def _read_plane(
     # the library squeezes axes of one entry
     plane = frame.reshape(shape)[index[-1]]
     return plane if shape[3] > 1 else plane[..., 0]
-
-
-def _time_step(source: Any) -> float | None:
-    """Seconds between time points, None if unknown."""
-    loop = next((loop for loop in source.experiment if loop.type == "TimeLoop"), None)
-    period = float(loop.parameters.periodMs) / 1000 if loop is not None else 0.0
-    return period if period > 0 and math.isfinite(period) else None
 
 
 list_lif, read_lif = functions_of("LIF", _find_lif_images)

@@ -118,7 +118,7 @@ def volume_in_time(
             raise expected("samples", "real numbers", samples.dtype, "convert it to one number per voxel")
         return volume_on_affine(samples.astype(np.float32) if samples.dtype == np.float64 else samples, affine)
 
-    return ChannelSet(times=times, step=step if 0 < step < math.inf else None).volume(options, read_one)
+    return ChannelSet(times=times, step=step).volume(options, read_one)
 
 
 def volume_on_affine(samples: np.ndarray, affine: np.ndarray) -> Volume:
@@ -313,7 +313,7 @@ def _volume_of(
     if len(extra) == 1 and options.array is None:
         # numbers along a fifth axis are components, whatever the intent
         options = replace(options, array=options.channel, channel=None)
-    times = ChannelSet(times=count, components=4, step=step if 0 < step < float("inf") else None)
+    times = ChannelSet(times=count, components=4, step=step)
 
     def read_volume(_: int | None) -> Volume:
         index, notes = _index(sizes, options, axis)

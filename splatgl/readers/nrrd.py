@@ -7,7 +7,6 @@ the step along one axis: the columns of world-from-index.
 from __future__ import annotations
 
 import io
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -20,7 +19,7 @@ from splatgl.data.affine import shared_unit, unit_name, value_unit_name, volume_
 from splatgl.data.times import seconds_in
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import expected, import_extra
-from splatgl.fileio import byte_count, decode_text, require_memory
+from splatgl.fileio import byte_count, decode_text
 from splatgl.readers.channels import (
     COLOR_NOTE,
     MAGNITUDE_NOTE,
@@ -40,6 +39,7 @@ from splatgl.readers.common import (
     map_array,
     parse_number,
     read_text,
+    stack_files,
 )
 from splatgl.readers.options import LoadOptions
 
@@ -181,8 +181,8 @@ def _is_time(direction: np.ndarray) -> bool:
     return len(direction) == 4 and np.isfinite(direction).all() and not any(direction[:3])
 
 
-def _time_step(header: Header, axis: int) -> float | None:
-    """Seconds from one time point to the next; a step without a unit is in seconds; None if unknown."""
+def _time_step(header: Header, axis: int) -> float:
+    """Seconds from one time point to the next; a step without a unit is in seconds."""
     directions, spacings, units = (header.get(name) for name in ("space directions", "spacings", "units"))
     step = np.nan
     if directions is not None and _is_time(directions[axis]):
@@ -193,8 +193,7 @@ def _time_step(header: Header, axis: int) -> float | None:
     elif spacings is not None and axis < len(spacings):
         step = spacings[axis]
     unit = str(units[axis]) if units is not None and axis < len(units) else ""
-    seconds = float(step) * (seconds_in(unit) or (0.0 if unit.strip("?") else 1.0))
-    return seconds if 0 < seconds < np.inf else None
+    return float(step) * (seconds_in(unit) or (0.0 if unit.strip("?") else 1.0))
 
 
 def _ignored_notes(header: Header) -> tuple[str, ...]:
@@ -286,30 +285,24 @@ def _space_axes(header: Header, sizes: list[int]) -> list[int]:
 
 
 def _read_data(path: Path, header: Header, start: int, shape: list[int], anywhere: bool) -> np.ndarray:
-    encoding = str(header["encoding"]).lower()
     nrrd = import_extra("nrrd", "NRRD files", "pynrrd", "readers")
     with decoder_errors("NRRD"):
         dtype = nrrd.reader._determine_datatype(header)
     if dtype.kind not in "iuf":
         raise expected("type", "a real number type", repr(header["type"]))
-    # the data: here, in another file, or in several, which are all checked before any is read
+    # the data: here, in another file, or in several
     name = header.get("data file", header.get("datafile"))
     if name is None:
         return _read_file(path, header, start, shape, dtype)
     names, axes = _list_files(name, header.get(LISTED, ()), shape)
-    files = [find_data_file(path, name, anywhere) for name in names]
-    if axes == len(shape):
-        return _read_file(files[0], header, 0, shape, dtype)
-    count, inner = math.prod(shape[: len(shape) - axes]), shape[len(shape) - axes :]
-    if len(files) != count:
-        raise expected("data file", f"{count} files", len(files), "the header is damaged")
-    if encoding != "raw":
-        require_memory(byte_count(shape, dtype), sum(file.stat().st_size for file in files))
-    return np.stack([_read_file(file, header, 0, inner, dtype) for file in files]).reshape(shape)
+    if not axes:
+        return _read_file(find_data_file(path, name, anywhere), header, 0, shape, dtype)
+    return stack_files(path, names, axes, shape, anywhere, lambda file, of: _read_file(file, header, 0, of, dtype))
 
 
 def _list_files(name: str, listed: Sequence[str], shape: list[int]) -> tuple[list[str], int]:
-    """Names of the data files, and how many of the fastest axes each holds: all but the slowest unless stated.
+    """Names of several data files, and how many of the fastest axes each holds: all but the slowest unless stated; ([],
+    0) for one file.
 
     name: of one file, "LIST [N]" with names behind the header, or a pattern with the first and last number, step and N.
     """
@@ -321,7 +314,7 @@ def _list_files(name: str, listed: Sequence[str], shape: list[int]) -> tuple[lis
         numbers = range(first, last + (1 if step > 0 else -1), step or 1)[:_MOST_FILES]
         names, rest = [words[0] % number for number in numbers], words[4:]
     else:
-        return [name], len(shape)
+        return [], 0
     axes = convert_words(rest, int, "data file")[0] if rest else len(shape) - 1
     if not 1 <= axes < len(shape):
         raise expected("data file", f"1 to {len(shape) - 1} axes a file", axes)

@@ -84,7 +84,7 @@ def _find_images(path: Path) -> Found:
     spacing = even_spacing(*(steps.get(axis, 0.0) for axis in "XYZ"))
     channels = _read_channels(settings, counts[letters.index("C")] if "C" in letters else 1)
     unit = "um" if "X" in units else ""
-    step, missing = steps.get("T") or None, math.prod(counts) - len(planes)
+    step, missing = steps.get("T"), math.prod(counts) - len(planes)
     axes = letters + "YX"
     return [MicroscopeImage(path.stem, axes, array.shape, lambda: array, channels, spacing, unit, step, missing)], file
 

@@ -71,9 +71,8 @@ def find_channels(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, g
     metadata = omero.get("channels", []) if isinstance(omero, Mapping) else []
     described = channel_names(group, node, names, count) if multiscale is None and count > 1 else metadata
     channels = [_read_channel(n, described[n] if n < len(described) else {}) for n in range(count)]
-    together = count > 1 and any(channel.color for channel in channels)
     step, moments = _time_step(multiscale, names), None if multiscale else _find_times(group, node, names)
-    return ChannelSet(tuple(channels), together, sizes.get("t", 1), step, moments=moments)
+    return ChannelSet(tuple(channels), None, sizes.get("t", 1), step, moments=moments)
 
 
 def _find_times(group: Any, node: Any, names: Sequence[str]) -> Times | None:
@@ -127,7 +126,7 @@ def _time_step(multiscale: Mapping[str, Any] | None, names: list[str]) -> float 
         for step in owner.get("coordinateTransformations", ()):
             if step.get("type") == "scale" and len(step.get("scale", ())) == len(names):
                 scale *= float(step["scale"][names.index("t")])
-    return scale * unit if unit and scale > 0 else None
+    return scale * unit if unit else None
 
 
 # most bytes of a coarser level that are read at once: a picture seldom needs more than one level

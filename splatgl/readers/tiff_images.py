@@ -131,9 +131,8 @@ def _ome_channels(pixels: Element, count: int, times: int) -> ChannelSet:
     nodes = [node for node in pixels if node.tag.endswith("}Channel")][:count]
     channels = [Channel(node.get("Name") or str(n), _ome_color(node.get("Color"))) for n, node in enumerate(nodes)]
     channels += [Channel(str(n)) for n in range(len(channels), count)]
-    together = count > 1 and any(channel.color for channel in channels)
-    step = _positive_number(pixels.get("TimeIncrement")) * (seconds_in(pixels.get("TimeIncrementUnit", "s")) or 0.0)
-    return ChannelSet(tuple(channels), together, times, step or None)
+    step = parse_number(pixels.get("TimeIncrement")) * (seconds_in(pixels.get("TimeIncrementUnit", "s")) or 0.0)
+    return ChannelSet(tuple(channels), times=times, step=step)
 
 
 def _ome_color(text: str | None) -> str | None:
@@ -170,8 +169,8 @@ def _imagej_channels(
         limits = sorted(stored if calibration is None else calibration.values(stored))
         window = parse_window(*limits) if len(limits) == 2 else None
         channels.append(Channel(names[n], color, window, inverted=is_negative))
-    together = count > 1 and (composite or any(channel.color not in (None, WHITE) for channel in channels))
-    return ChannelSet(tuple(channels), together, times, _positive_number(metadata.get("finterval")) or None)
+    together = composite or any(channel.color not in (None, WHITE) for channel in channels)
+    return ChannelSet(tuple(channels), together, times, parse_number(metadata.get("finterval")))
 
 
 def _lsm_channels(metadata: Mapping[str, Any], count: int, times: int) -> ChannelSet:
@@ -185,14 +184,7 @@ def _lsm_channels(metadata: Mapping[str, Any], count: int, times: int) -> Channe
         )
         for n in range(count)
     ]
-    together = count > 1 and any(channel.color for channel in channels)
-    return ChannelSet(tuple(channels), together, times, _positive_number(metadata.get("TimeIntervall")) or None)
-
-
-def _positive_number(text: object) -> float:
-    """The positive, finite number in a text; else 0."""
-    number: float = parse_number(text)
-    return number if 0 < number < math.inf else 0.0
+    return ChannelSet(tuple(channels), times=times, step=parse_number(metadata.get("TimeIntervall")))
 
 
 # tags of GeoTIFF (1.1 §2.5 to 2.8) and GDAL
@@ -293,8 +285,8 @@ def plane_step(pixels: Element) -> tuple[float, str, str]:
         apart = f"{steps.min():.4g} to {steps.max():.4g} {unit}".strip()
         return 0.0, "", f"planes are {apart} apart by their positions, and are rendered evenly"
     note = "planes descend by their positions; the first is rendered lowest all the same" if step < 0 else ""
-    stated, of = _positive_number(pixels.get("PhysicalSizeZ")), unit_name(pixels.get("PhysicalSizeZUnit", "um"))
-    if stated and unit and of in METRES and abs(abs(step) * METRES[unit] / (stated * METRES[of]) - 1) > OTHER_STEP:
+    stated, of = parse_number(pixels.get("PhysicalSizeZ")), unit_name(pixels.get("PhysicalSizeZUnit", "um"))
+    if stated > 0 and unit and of in METRES and abs(abs(step) * METRES[unit] / (stated * METRES[of]) - 1) > OTHER_STEP:
         note = f"planes are {abs(step):.4g} {unit} apart by their positions, but rendered {stated:.4g} {of} apart"
     return abs(step), unit, note
 

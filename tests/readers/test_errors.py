@@ -110,11 +110,11 @@ BAD = [
     ("a.mhd", meta(file="sub/../../b.raw"), "a name inside the header's folder"),
     ("a.mhd", meta(file="C:\\b.raw"), "a name inside the header's folder"),
     ("a.mhd", meta(file="b.raw"), "nothing named 'b.raw'"),
-    ("a.mhd", meta(file="LIST", data=b""), "expected 4 files of slices, got 0"),
+    ("a.mhd", meta(file="LIST", data=b""), "expected 4 files, got 0"),
     ("a.mhd", meta(file="a%d%d.raw 0 3 1"), "a name%03d.raw FIRST LAST STEP"),
     ("a.mhd", meta(file="a%99999999d.raw 0 3 1"), "a name%03d.raw FIRST LAST STEP"),
     ("a.mhd", meta(file="../a%d.raw 0 3 1"), "a name inside the header's folder"),
-    ("a.mhd", meta(file="a%d.raw 0 9000000 1"), "expected 4 files of slices"),
+    ("a.mhd", meta(file="a%d.raw 0 9000000 1"), "expected 4 files"),
     ("a.mhd", meta(file="a%d.raw 0 3 1"), "a file next to the header"),
     # names
     ("a.raw", bytes(140), "give shape=X,Y,Z and dtype=TYPE"),
