@@ -183,13 +183,17 @@ def _convert(data: Any, options: LoadOptions) -> Volume:
 
 def _convert_even(data: Any, options: LoadOptions) -> Volume:
     """The volume of an image or a rectilinear grid."""
-    choice, shape = _select(data, options)
+    return place_on_even(data, _select(data, options)[0], even=options.spacing is not None)
+
+
+def place_on_even(data: Any, choice: Selection, even: bool = False) -> Volume:
+    """The volume of selected arrays of a vtkImageData or vtkRectilinearGrid. even: see `Selection.rectilinear`."""
     if data.IsA("vtkRectilinearGrid"):
-        places = [_numbers(axis) for axis in (data.GetXCoordinates(), data.GetYCoordinates(), data.GetZCoordinates())]
-        return choice.rectilinear(places, even=options.spacing is not None)
+        axes = (data.GetXCoordinates(), data.GetYCoordinates(), data.GetZCoordinates())
+        return choice.rectilinear([vtk_numbers(axis) for axis in axes], even)
     matrix = np.reshape(data.GetDirectionMatrix().GetData(), (3, 3)) * np.array(data.GetSpacing())
     origin = np.array(data.GetOrigin()) + matrix @ np.array(data.GetExtent()[::2])
-    return choice.volume(matrix, origin, shape, "direction and spacing")
+    return choice.volume(matrix, origin, data.GetDimensions()[::-1], "direction and spacing")
 
 
 def _select(data: Any, options: LoadOptions) -> tuple[Selection, Shape]:
@@ -199,7 +203,7 @@ def _select(data: Any, options: LoadOptions) -> tuple[Selection, Shape]:
     return select_arrays(points, cells, options), (d, h, w)
 
 
-def _numbers(array: Any) -> np.ndarray:
+def vtk_numbers(array: Any) -> np.ndarray:
     """An array of VTK, a view of its memory."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
@@ -215,7 +219,7 @@ def list_arrays(attributes: Any, shape: Shape) -> list[PointArray]:
         # texts are no arrays of numbers
         if array is None or array.GetNumberOfTuples() != np.prod(shape):
             continue
-        values, count = _numbers(array), array.GetNumberOfComponents()
+        values, count = vtk_numbers(array), array.GetNumberOfComponents()
         is_vectors = count == 3 and (values.dtype.kind == "f" or array is vectors)
         values = values.reshape(*shape, count)
         name = array.GetName() or f"array {number}"
@@ -254,7 +258,7 @@ def _resample(grid: Any, options: LoadOptions) -> Volume:
         points = finite_points(centers.GetOutput())
     owner = grid.GetCellData() if choice.of_cells else grid.GetPointData()
     back = _trilinear(samples, ((points - low) / step - 0.5)[:, ::-1])
-    error = describe_error(back, _numbers(owner.GetArray("values")))
+    error = describe_error(back, vtk_numbers(owner.GetArray("values")))
     return _volume(samples, choice, (low + step / 2, step), f"{count} cells", error, vectors)
 
 
@@ -359,7 +363,7 @@ def _solid(data: Any) -> Any:
     # 1. points, and their numbers
     offsets = corners(data.GetCells(), "Cells", len(finite_points(data)))[1]
     # 2. kinds of cells, by VTK's numbers (vtkCellType.h)
-    kinds, cell = _numbers(data.GetCellTypesArray()).ravel(), vtkGenericCell()
+    kinds, cell = vtk_numbers(data.GetCellTypesArray()).ravel(), vtkGenericCell()
     sizes, solid = np.diff(offsets), []
     for kind in np.unique(kinds).tolist():
         cell.SetCellType(kind)
@@ -375,7 +379,7 @@ def _solid(data: Any) -> Any:
     ):
         raise expected("types", "polyhedra with faces", "none", "the file may be damaged")
     marks = data.GetCellData().GetArray(MARKS[0])
-    kept = np.isin(kinds, solid) & (True if marks is None else _numbers(marks).astype(np.int64) & _TWICE == 0)
+    kept = np.isin(kinds, solid) & (True if marks is None else vtk_numbers(marks).astype(np.int64) & _TWICE == 0)
     if not kept.any():
         raise expected("cells", "some with a volume", "flat ones", SURFACE)
     if kept.all():
@@ -398,7 +402,7 @@ def _solid(data: Any) -> Any:
 
 def finite_points(data: Any) -> np.ndarray:
     """The points of a grid or surface, float64 [N, 3]. Raises InputError for coordinates that are not finite."""
-    points = _numbers(data.GetPoints().GetData()).astype(np.float64)
+    points = vtk_numbers(data.GetPoints().GetData()).astype(np.float64)
     if not (np.abs(points) < _MOST_PLACE).all():
         raise expected("Points", "finite coordinates", "others", "the file is damaged")
     return points
@@ -409,7 +413,7 @@ def corners(cells: Any, what: str, points: int) -> tuple[np.ndarray, np.ndarray]
     for others than numbers of the points.
     """
     cells.ConvertTo64BitStorage()
-    numbers, offsets = _numbers(cells.GetConnectivityArray()), _numbers(cells.GetOffsetsArray())
+    numbers, offsets = vtk_numbers(cells.GetConnectivityArray()), vtk_numbers(cells.GetOffsetsArray())
     if len(offsets) > 1 and (np.diff(offsets).min() < 0 or offsets[0] != 0 or offsets[-1] > len(numbers)):
         raise expected(what, "rising offsets", "others", "the file is damaged")
     if numbers.size and (numbers.min() < 0 or numbers.max() >= points):
@@ -444,11 +448,11 @@ def _probe(
     resample.SetSamplingDimensions(*counts.tolist())
     resample.Update()
     found, shape = resample.GetOutput().GetPointData(), tuple(counts[::-1].tolist())
-    inside = _numbers(found.GetArray(MARKS[2])).astype(bool).reshape(shape)
-    samples = np.where(inside, _numbers(found.GetArray("values")).reshape(shape), np.nan).astype(np.float32)
+    inside = vtk_numbers(found.GetArray(MARKS[2])).astype(bool).reshape(shape)
+    samples = np.where(inside, vtk_numbers(found.GetArray("values")).reshape(shape), np.nan).astype(np.float32)
     if not with_vectors:
         return samples, None
-    vectors = _numbers(found.GetArray("vectors")).reshape(*shape, 3)
+    vectors = vtk_numbers(found.GetArray("vectors")).reshape(*shape, 3)
     return samples, np.nan_to_num(np.where(inside[..., None], vectors, 0).astype(np.float32))
 
 

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import Coordinate, make_lattice, volume_on_grid
 from splatgl.data.arrays import check_samples
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import expected, missing_extra
+from splatgl.readers.vtk_arrays import Selection, count_cells
+from splatgl.readers.vtk_files import place_on_even, vtk_numbers
 
 # names of unnamed arrays
 VALUES, COLORS, VECTORS = "values", "colors", "vectors"
@@ -33,37 +34,13 @@ def volume_from_vtk(x: Any, options: ArrayOptions) -> Volume:
 
 def volumes_from_components(x: Any, array: Any, in_cells: bool) -> list[Volume]:
     """A volume for each component of an array of a vtkImageData, views of its memory, or of a vtkRectilinearGrid."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    if x.IsA("vtkRectilinearGrid"):
-        return _resample(x, array, in_cells)
-    if not x.IsA("vtkImageData"):
+    if not x.IsA("vtkImageData") and not x.IsA("vtkRectilinearGrid"):
         volume_from_vtk(x, ArrayOptions())
-
-    extent = x.GetExtent()
-    first, last = np.array(extent[::2]), np.array(extent[1::2])
-    sizes = last - first + (0 if in_cells else 1)
-    if min(sizes) < 1:
-        raise expected("image data", "at least one voxel along each axis", "×".join(map(str, sizes)))
-    matrix = np.reshape(x.GetDirectionMatrix().GetData(), (3, 3)) * np.array(x.GetSpacing())
-    # the origin belongs to index 0, which may lie outside of the extent
-    origin = matrix @ (first + 0.5 * in_cells) + np.array(x.GetOrigin())
-    samples = vtk_to_numpy(array).reshape(*sizes[::-1], -1)
-    parts = (check_samples(samples[..., component], "array") for component in range(samples.shape[3]))
-    name = array.GetName() or ""
-    return [volume_on_grid(part, matrix, origin, "direction and spacing", name=name) for part in parts]
-
-
-def _resample(grid: Any, array: Any, in_cells: bool) -> list[Volume]:
-    """A volume for each component of an array of a vtkRectilinearGrid, linear between its samples at even distances."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    places = [vtk_to_numpy(axis) for axis in (grid.GetZCoordinates(), grid.GetYCoordinates(), grid.GetXCoordinates())]
-    places = [(axis[1:] + axis[:-1]) / 2 if in_cells and len(axis) > 1 else axis for axis in places]
-    lattice = make_lattice([Coordinate(name, len(axis), axis) for name, axis in zip("zyx", places, strict=True)])
-    values = vtk_to_numpy(array).reshape(*map(len, places), -1)
+    shape = x.GetDimensions()[::-1]
+    values = vtk_numbers(array).reshape(*(count_cells(shape) if in_cells else shape), -1)
+    about = {"name": array.GetName() or ""}
     parts = (check_samples(values[..., number], "array") for number in range(values.shape[3]))
-    return [lattice.volume(part, "rectilinear grid", name=array.GetName() or "") for part in parts]
+    return [place_on_even(x, Selection(in_cells, part, None, None, about)) for part in parts]
 
 
 def image_data(volume: Volume) -> Any:
