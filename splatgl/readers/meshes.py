@@ -20,8 +20,7 @@ from splatgl.readers import with_path
 from splatgl.readers.common import decoder_errors, silence_libraries
 from splatgl.readers.elsewhere import call
 from splatgl.readers.polygons import DEFAULT, Polygons, read_obj, read_off, read_ply_polygons
-from splatgl.readers.vtk_arrays import PointArray
-from splatgl.readers.vtk_files import corners, finite_points, list_arrays, open_reader, vtk_errors
+from splatgl.readers.vtk_files import PointArray, corners, finite_points, list_arrays, open_reader, vtk_errors
 from splatgl.readers.vtk_images import parse_legacy
 from splatgl.readers.vtk_xml import check_xml
 

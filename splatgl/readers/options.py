@@ -404,9 +404,7 @@ FORMATS = (
     ),
     Format("HDF5", HDF5, "hdf5.read", _HDF5, list_volumes="hdf5.list_datasets"),
     Format("NetCDF-3", (".nc", ".cdf", ".nc3"), "hdf5.read_netcdf", _HDF5, list_volumes="hdf5.list_variables"),
-    Format(
-        "Imaris", (".ims",), "hdf5_layouts.read_imaris", ("array", "channel", "level", "time", "anywhere"), ("HDF5",)
-    ),
+    Format("Imaris", (".ims",), "hdf5.read_imaris", ("array", "channel", "level", "time", "anywhere"), ("HDF5",)),
     Format(
         "BigDataViewer",
         (".xml",),
@@ -421,10 +419,10 @@ FORMATS = (
     Format(
         "OIB",
         (".oib", ".oif"),
-        "olympus.read",
+        "microscopes.read_oib",
         _MICROSCOPE,
         ("?", "a compound file"),
-        list_volumes="olympus.list_images",
+        list_volumes="microscopes.list_oib",
     ),
     Format(
         "Zarr",
@@ -448,9 +446,9 @@ FORMATS = (
         "dicom.list_series",
     ),
     Format("points", (".las", ".laz", ".pcd", ".ply"), "points.read", ("array", "point_size"), ("LAS", "PLY", "PCD")),
-    Format("MINC", (".mnc",), "nibabel_files.read_minc", ("time",), ("NetCDF-3", "HDF5")),
-    Format("AFNI", (".head", ".brik", ".brik.gz"), "nibabel_files.read_afni", ("time",), ("?", "gzip", OTHER_GZIP)),
-    Format("PAR/REC", (".par",), "nibabel_files.read_parrec", ("time",)),
+    Format("MINC", (".mnc",), "nifti.read_minc", ("time",), ("NetCDF-3", "HDF5")),
+    Format("AFNI", (".head", ".brik", ".brik.gz"), "nifti.read_afni", ("time",), ("?", "gzip", OTHER_GZIP)),
+    Format("PAR/REC", (".par",), "nifti.read_parrec", ("time",)),
     Format(
         "picture slices", (), "image_stack.read", ("channel", "time"), kinds=("folder",), detect="image_stack.is_slices"
     ),

@@ -40,8 +40,7 @@ from splatgl.readers.common import (
     require_plausible,
 )
 from splatgl.readers.options import SURFACE, VTK_DATA, LoadOptions, converter
-from splatgl.readers.vtk_arrays import PointArray, count_cells, select_arrays
-from splatgl.readers.vtk_files import NUMBERED, select_entry
+from splatgl.readers.vtk_files import NUMBERED, PointArray, count_cells, select_arrays, select_entry
 from splatgl.readers.vtk_files import read as read_elsewhere
 from splatgl.readers.vtk_xml import XML_TYPES, ByteSource, VtkXml, parse_numbers, parse_vtk
 

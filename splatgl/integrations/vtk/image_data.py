@@ -10,8 +10,7 @@ from splatgl.data.arrays import check_samples
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import expected, missing_extra
-from splatgl.readers.vtk_arrays import Selection, count_cells
-from splatgl.readers.vtk_files import place_on_even, vtk_numbers
+from splatgl.readers.vtk_files import Selection, count_cells, place_on_even, vtk_numbers
 
 # names of unnamed arrays
 VALUES, COLORS, VECTORS = "values", "colors", "vectors"
