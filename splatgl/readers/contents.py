@@ -83,6 +83,8 @@ FIXES = {
 }
 # names of metadata in a Zarr store
 ZARR = ("zarr.json", ".zarray", ".zgroup", ".zattrs")
+# kinds that are read from gzip and bzip2 data
+_PACKED = ("NIfTI", "MRC")
 # first bytes that a message shows
 _SHOWN = 12
 
@@ -94,21 +96,18 @@ def identify(path: Path) -> str:
     if head.startswith(b"\x1f\x8b"):
         with suppress(zlib.error):
             inner = zlib.decompressobj(wbits=31).decompress(head, FIRST)
-            return _INSIDE.get(_kind(inner), OTHER_GZIP if len(inner) == FIRST else "gzip")
+            kind = _kind(inner)
+            return kind if kind in ("MGH", *_PACKED) else OTHER_GZIP if len(inner) == FIRST else "gzip"
         return "gzip"
     if head.startswith(b"BZh"):
         # a block of bzip2 is unpacked as a whole
         with path.open("rb") as file, suppress(OSError, EOFError, ValueError):
-            return _INSIDE_BZIP2.get(_kind(bz2.BZ2File(file).read(FIRST)), OTHER_BZIP2)
+            kind = _kind(bz2.BZ2File(file).read(FIRST))
+            return kind if kind in _PACKED else OTHER_BZIP2
         return "bzip2"
     if any(head.startswith(_HDF5, block) for block in _USER_BLOCKS):
         return "HDF5"
     return _zip_kind(path) if head.startswith(b"PK\x03\x04") else _kind(head[:FIRST])
-
-
-# kinds of packed files by their contents
-_INSIDE_BZIP2 = {"NIfTI": "NIfTI, compressed", "MRC": "MRC, compressed"}
-_INSIDE = {"MGH": "MGH, gzipped", **_INSIDE_BZIP2}
 
 
 def _zip_kind(path: Path) -> str:

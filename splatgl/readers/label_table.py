@@ -33,9 +33,9 @@ def read_label_table(path: Path) -> dict[int, Label]:
     try:
         # a pipe would block
         text = _first_text(path, MAX_BYTES) if path.is_file() else ""
-        if MARK.lower() in text[:FIRST].lower():
-            return {label.number: label for label in _parse_labels(str(path), text)}
         lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+        if MARK.lower() in text[:FIRST].lower() or (lines and all(map(ROW.fullmatch, lines))):
+            return {label.number: label for label in _parse_labels(str(path), text)}
         mark = next((mark for mark in "\t,;" if lines and mark in lines[0]), "")
         labels = _of_columns(path, list(csv.reader(lines, delimiter=mark))) if mark else _of_lines(path, lines)
     except (OSError, csv.Error) as error:
@@ -49,12 +49,10 @@ def _of_lines(path: Path, lines: Sequence[str]) -> list[Label]:
     """Labels of lines apart by spaces; the first may be a header."""
     labels = []
     for place, line in enumerate(lines):
-        words, row = line.split(), ROW.fullmatch(line)
+        words = line.split()
         count = next((n for n in (4, 3) if len(words) > n + 1 and all(map(_is_whole, words[-n:]))), 0)
         end = len(words) - count
         name, color = " ".join(words[1:end]), words[end : end + 3]
-        if row is not None:
-            name, color = row[7], words[1:4]
         if name and _is_whole(words[0]):
             labels.append(Label(int(words[0]), name.strip('"'), _color(color)))
         elif place:

@@ -36,13 +36,15 @@ from splatgl.readers.zarr_files import (
     read_packing,
 )
 
+Multiscale = Mapping[str, Any]
+
 
 def natural_key(name: str) -> list[Any]:
     """Sort key that orders names by the numbers in them: 2 before 10."""
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
 
 
-def axis_names(node: Any, multiscale: Mapping[str, Any] | None, group: Any = None) -> list[str]:
+def axis_names(node: Any, multiscale: Multiscale | None, group: Any = None) -> list[str]:
     """One name per axis, with y and x, and z except for an image of one plane; without metadata the last of t, c, z, y,
     x. group: of the array, which may hold the coordinates of its dimensions.
     """
@@ -61,7 +63,7 @@ def axis_names(node: Any, multiscale: Mapping[str, Any] | None, group: Any = Non
     return [name if name in tuple("zyxt") else f"c {name}" for name in names]
 
 
-def find_channels(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, group: Any = None) -> ChannelSet:
+def find_channels(omero: Any, node: Any, multiscale: Multiscale | None, group: Any = None) -> ChannelSet:
     """The channels and time points of an array. omero: the group's metadata of channels."""
     names = axis_names(node, multiscale, group)
     sizes = dict(zip(names, node.shape, strict=True))
@@ -114,19 +116,14 @@ def read_labels(attributes: Mapping[str, Any]) -> tuple[Label, ...] | None:
     return tuple(labels.values())
 
 
-def _time_step(multiscale: Mapping[str, Any] | None, names: list[str]) -> float | None:
+def _time_step(multiscale: Multiscale | None, names: list[str]) -> float | None:
     """Seconds between two time points: the scale along t, if its unit is known. Versions 0.1 to 0.3 have no unit."""
     axes = (multiscale or {}).get("axes")
     if multiscale is None or not axes or "t" not in names:
         return None
-    axis = axes[names.index("t")]
-    unit = seconds_in(axis.get("unit")) if isinstance(axis, Mapping) else None
-    scale = 1.0
-    for owner in (*multiscale["datasets"][:1], multiscale):
-        for step in owner.get("coordinateTransformations", ()):
-            if step.get("type") == "scale" and len(step.get("scale", ())) == len(names):
-                scale *= float(step["scale"][names.index("t")])
-    return scale * unit if unit else None
+    axis = names.index("t")
+    unit = seconds_in(axes[axis].get("unit")) if isinstance(axes[axis], Mapping) else None
+    return _transform(multiscale, multiscale["datasets"][0]["path"], len(names))[0][axis] * unit if unit else None
 
 
 # most bytes of a coarser level that are read at once: a picture seldom needs more than one level
@@ -135,7 +132,6 @@ WHOLE_LEVEL = 0
 SPACE = ("z", "y", "x")
 # most groups and arrays that are searched for images
 MOST_GROUPS = 1000
-Multiscale = Mapping[str, Any]
 
 
 def is_store(path: Path) -> bool:
@@ -520,10 +516,19 @@ def _index(shape: Sequence[int], names: list[str], options: LoadOptions) -> tupl
 
 
 def _grid(multiscale: Multiscale, level: str, names: list[str]) -> tuple[Triple, Triple]:
-    """Spacing and origin (x, y, z) in the unit of x: the level's scale and translation, then the whole image's. level:
-    the path of its array below the image's group.
-    """
-    scale, origin = np.ones(len(names)), np.zeros(len(names))
+    """Spacing and origin (x, y, z) in the unit of x. level: the path of its array below the image's group."""
+    scale, origin = _transform(multiscale, level, len(names))
+    x, y = names.index("x"), names.index("y")
+    # a plane is as thick as a pixel is wide
+    z = names.index("z") if "z" in names else x
+    _, factors = _unit(multiscale)
+    (sx, sy, sz), (ox, oy, oz) = ((factors * numbers[[x, y, z]]).tolist() for numbers in (scale, origin))
+    return (sx, sy, sz), (ox, oy, oz if "z" in names else 0.0)
+
+
+def _transform(multiscale: Multiscale, level: str, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Scale and translation [count] along the axes of a level: its own, then the whole image's."""
+    scale, origin = np.ones(count), np.zeros(count)
     datasets = [entry for entry in multiscale["datasets"] if entry["path"] == level]
     for owner in (*datasets[:1], multiscale):
         for step in owner.get("coordinateTransformations", ()):
@@ -535,12 +540,7 @@ def _grid(multiscale: Multiscale, level: str, names: list[str]) -> tuple[Triple,
                 this = "a scale or translation with one number per axis"
                 raise expected("coordinateTransformations", this, step)
             scale, origin = (scale * values, origin * values) if kind == "scale" else (scale, origin + values)
-    x, y = names.index("x"), names.index("y")
-    # a plane is as thick as a pixel is wide
-    z = names.index("z") if "z" in names else x
-    _, factors = _unit(multiscale)
-    (sx, sy, sz), (ox, oy, oz) = ((factors * numbers[[x, y, z]]).tolist() for numbers in (scale, origin))
-    return (sx, sy, sz), (ox, oy, oz if "z" in names else 0.0)
+    return scale, origin
 
 
 def _unit(multiscale: Multiscale) -> tuple[str, np.ndarray]:

@@ -16,7 +16,7 @@ from splatgl.data.times import is_time
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import InputError, MissingOption, expected
 from splatgl.options import HelpGroup, ValueKind, check_options, checked, declared, non_default, option, reject_unknown
-from splatgl.readers.contents import FIXES, OTHER_GZIP, PACKINGS
+from splatgl.readers.contents import FIXES, OTHER_GZIP
 
 # endings of files that hold named datasets
 HDF5 = (".h5", ".hdf5", ".he5", ".hdf", ".nc", ".nc4", ".emd", ".nxs", ".mat", ".vtkhdf", ".cmap")
@@ -264,9 +264,14 @@ class LoadOptions:
         """`channel` below `count` of a format without channel names, or None if it was not given."""
         if isinstance(self.channel, str):
             raise expected("channel", "a whole number", repr(self.channel))
-        if self.channel is not None and self.channel >= count:
-            raise expected("channel", f"a number from 0 to {count - 1}", self.channel)
-        return self.channel
+        return self._below("channel", count)
+
+    def _below(self, name: str, count: int) -> int | None:
+        """The number that an option states, None without one. Raises InputError for others than those below `count`."""
+        number: int | None = getattr(self, name)
+        if number is not None and number >= count:
+            raise expected(name, f"a number from 0 to {count - 1}", number)
+        return number
 
     def index(self, shape: Sequence[int], picked: Mapping[int, str | int]) -> tuple[int | slice, ...]:
         """The index of an array that picks one entry along some axes, and keeps the others.
@@ -292,9 +297,8 @@ class LoadOptions:
 
     def level_numbers(self, count: int) -> range:
         """The level that `level` picks, else all of `count` levels."""
-        if self.level is not None and self.level >= count:
-            raise expected("level", f"a number from 0 to {count - 1}", self.level)
-        return range(count) if self.level is None else range(self.level, self.level + 1)
+        level = self._below("level", count)
+        return range(count) if level is None else range(level, level + 1)
 
     def reject(self, name: str, this: str) -> None:
         """InputError for an option that the file does not support; 0 is accepted. this: files that support it."""
@@ -306,9 +310,7 @@ class LoadOptions:
         """The time point below `count`: `time`, else `array`, else the first. InputError if both are given."""
         if self.time is not None and self.array is not None:
             raise expected("array", "none together with time", repr(self.array), "leave one of them out")
-        if self.time is not None and self.point >= count:
-            raise expected("time", f"a number from 0 to {count - 1}", self.time)
-        return self.point if self.time is not None else self.array_number(count) or 0
+        return (self._below("time", count) if self.array is None else self.array_number(count)) or 0
 
     @property
     def point(self) -> int:
@@ -372,8 +374,8 @@ _ZARR = ("array", "channel", "field", "level", "time", "well")
 _HDF5 = ("array", "channel", "time", "anywhere")
 _TIFF = ("array", "channel", "level", "time", "series")
 _MICROSCOPE = ("array", "channel", "time", "series")
-
-_VTK = ("array", "channel", "time", "anywhere")
+_NIFTI, _VTK = ("array", "channel", "time"), ("array", "channel", "time", "anywhere")
+_MRC = (".mrc", ".map", ".rec", ".ccp4", ".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2")
 
 # all formats; each but points takes `spacing` and `values` too
 FORMATS = (
@@ -381,27 +383,17 @@ FORMATS = (
     Format("NumPy archive", (".npz",), "raw.read_npz", ("array", "channel")),
     Format("raw", (".raw", ".bin", ".dat"), "raw.read", ("shape", "dtype", "header_offset"), ("*",)),
     Format("NRRD", (".nrrd", ".nhdr"), "nrrd.read", ("array", "channel", "time", "anywhere")),
-    Format("NIfTI", (".nii",), "nifti.read", ("array", "channel", "time"), ("Analyze",)),
-    Format("NIfTI, compressed", (".nii.gz", ".nii.bz2"), "nifti.read", ("array", "channel", "time"), PACKINGS[:2]),
-    Format(
-        "Analyze",
-        (".hdr", ".img", ".hdr.gz", ".img.gz"),
-        "nifti.read_analyze",
-        ("array", "channel", "time"),
-        ("?", "gzip", OTHER_GZIP),
-    ),
+    Format("NIfTI", (".nii", ".nii.gz", ".nii.bz2"), "nifti.read", _NIFTI, ("Analyze", "gzip", "bzip2")),
+    Format("Analyze", (".hdr", ".img", ".hdr.gz", ".img.gz"), "nifti.read_analyze", _NIFTI, ("?", "gzip", OTHER_GZIP)),
     Format("MGH", (".mgh",), "nifti.read_mgh", ("array",), ("?",)),
-    Format("MGH, gzipped", (".mgz",), "nifti.read_mgh", ("array",), ("gzip",)),
+    Format("MGH, gzipped", (".mgz",), "nifti.read_mgh", ("array",), ("MGH", "gzip")),
     Format("TIFF", (".tif", ".tiff", ".lsm"), "tiff.read", (*_TIFF, *_TERRAIN), list_volumes="tiff.list_images"),
     Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "time", "anywhere"), ("?",)),
     Format("legacy VTK", (".vtk",), "vtk_images.read_legacy", ("array", "channel")),
     Format("VTK grid", (".vti", ".vtr"), "vtk_images.read", ("array", "channel"), ("XML",)),
     Format("VTK data", (*VTK_DATA,), "vtk_files.read", (*_VTK,), ("XML",)),
     Format("VTK series", (".pvd",), "vtk_images.read_series", (*_VTK,), ("XML",)),
-    Format("MRC", (".mrc", ".map", ".rec", ".ccp4"), "mrc.read", ("array",), ("?",)),
-    Format(
-        "MRC, compressed", (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2"), "mrc.read", ("array",), ("gzip", "bzip2")
-    ),
+    Format("MRC", _MRC, "mrc.read", ("array",), ("?", "gzip", "bzip2")),
     Format("HDF5", HDF5, "hdf5.read", _HDF5, list_volumes="hdf5.list_datasets"),
     Format("NetCDF-3", (".nc", ".cdf", ".nc3"), "hdf5.read_netcdf", _HDF5, list_volumes="hdf5.list_variables"),
     Format("Imaris", (".ims",), "hdf5.read_imaris", ("array", "channel", "level", "time", "anywhere"), ("HDF5",)),

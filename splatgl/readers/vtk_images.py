@@ -346,10 +346,8 @@ def _attribute(parser: _Parser, keyword: str, rest: Words) -> None:
         parser.add(rest[0], components, rest[1], False, parser.count)
     elif keyword in _COMPONENTS and len(rest) >= 2:
         parser.add(rest[0], _COMPONENTS[keyword], rest[1], keyword == "VECTORS", parser.count)
-    elif keyword == "TEXTURE_COORDINATES" and len(rest) >= 3:
-        parser.add(rest[0], _whole_numbers(rest[1:2], keyword)[0], rest[2], False, parser.count)
-    elif keyword == "COLOR_SCALARS" and len(rest) >= 2:
-        parser.add(rest[0], _whole_numbers(rest[1:2], keyword)[0], _COLOR, False, parser.count)
+    elif keyword in ("TEXTURE_COORDINATES", "COLOR_SCALARS") and len(rest) >= 2:
+        parser.add(rest[0], _whole_numbers(rest[1:2], keyword)[0], (rest[2:] or [_COLOR])[0], False, parser.count)
     else:
         raise expected("section", "a VTK keyword such as SCALARS", repr(" ".join([keyword, *rest])[:40]))
 
