@@ -101,7 +101,7 @@ class ChannelSet:
         off = [channel.name or str(n) for n, channel in enumerate(self.channels) if n not in numbers]
         if off and options.channel is None and None not in numbers:
             notes = (*notes, f"channel {list_names(off)}: switched off in the file; --channel all draws every channel")
-        step = self.step if 0 < (self.step or 0) < math.inf else None
+        step = float(self.step) if self.step and 0 < self.step < math.inf else None
         first = replace(volumes[0], times=self.times, time_step=step, time=options.point, notes=notes)
         first = replace(first, moments=self.moments)
         return replace(first, channels=tuple(volumes)) if len(volumes) > 1 else first
