@@ -57,7 +57,7 @@ _GRID = ("spacing", "origin", "direction", "times")
 _NIFTI = partial(FileTarget, frame="RAS", units=("mm", "um", "m"), library=("nibabel", "nibabel"))
 TARGETS = (
     _NIFTI("NIfTI", (".nii",), "formats.write_nifti", (*_GRID, "color", "vectors")),
-    _NIFTI("NIfTI", (".nii.gz",), "formats.write_nifti_gz", (*_GRID, "color", "vectors")),
+    _NIFTI("NIfTI", (".nii.gz",), "formats.write_nifti", (*_GRID, "color", "vectors")),
     FileTarget(
         "NRRD", (".nrrd",), "formats.write_nrrd", (*_GRID, "color", "vectors", "layers", "labels", "value unit")
     ),

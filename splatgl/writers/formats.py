@@ -35,16 +35,14 @@ _SPACES = {"LPS": "left-posterior-superior", "RAS": "right-anterior-superior"}
 
 
 def write_nifti(path: Path, content: Content) -> None:
-    """Writes a .nii file: NIfTI-1, or NIfTI-2 for longer axes."""
-    with path.open("wb") as file:
-        _write_nifti(file, content)
-
-
-def write_nifti_gz(path: Path, content: Content) -> None:
-    """Writes a .nii.gz file."""
-    # as nibabel does: higher levels take several times as long for a few per cent
-    with path.open("wb") as raw, gzip.GzipFile("", "wb", compresslevel=1, fileobj=raw, mtime=0) as file:
-        _write_nifti(file, content)
+    """Writes a .nii or .nii.gz file: NIfTI-1, or NIfTI-2 for longer axes."""
+    with path.open("wb") as raw:
+        if content.target.suffixes[0] == ".nii":
+            _write_nifti(raw, content)
+            return
+        # as nibabel does: higher levels take several times as long for a few per cent
+        with gzip.GzipFile("", "wb", compresslevel=1, fileobj=raw, mtime=0) as file:
+            _write_nifti(file, content)
 
 
 def _write_nifti(file: Any, content: Content) -> None:
@@ -83,7 +81,8 @@ def _write_nifti(file: Any, content: Content) -> None:
             file.write(slab[..., component].tobytes())
 
 
-def _write_slabs(file: Any, content: Content) -> None:
+def _write_slabs(file: Any, content: Content, header: bytes = b"") -> None:
+    file.write(header)
     for slab in content.slabs():
         file.write(slab.data)
 
@@ -91,8 +90,7 @@ def _write_slabs(file: Any, content: Content) -> None:
 def write_nrrd(path: Path, content: Content) -> None:
     """Writes a .nrrd file with raw samples; labels are 3D Slicer's segments, in layers if they are several channels."""
     with path.open("wb") as file:
-        file.write(nrrd_header(content).encode())
-        _write_slabs(file, content)
+        _write_slabs(file, content, nrrd_header(content).encode())
 
 
 def nrrd_header(content: Content) -> str:
@@ -142,8 +140,7 @@ def _line(text: str) -> str:
 def write_metaimage(path: Path, content: Content) -> None:
     """Writes a .mha file with its samples behind the header."""
     with path.open("wb") as file:
-        file.write(metaimage_header(content).encode())
-        _write_slabs(file, content)
+        _write_slabs(file, content, metaimage_header(content).encode())
 
 
 def metaimage_header(content: Content) -> str:
@@ -179,8 +176,7 @@ def write_npy(path: Path, content: Content) -> None:
     fields = {"descr": content.dtype.str, "fortran_order": False, "shape": shape}
     np.lib.format.write_array_header_1_0(header, fields)
     with path.open("wb") as file:
-        file.write(header.getvalue())
-        _write_slabs(file, content)
+        _write_slabs(file, content, header.getvalue())
 
 
 # voxels along the sides of a chunk, and chunks along those of a box in memory; the coarsest level is one chunk
