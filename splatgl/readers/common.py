@@ -154,6 +154,20 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
     return out.view(dtype).reshape(tuple(shape))
 
 
+def bunzip(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> np.ndarray:
+    """The array [shape] in bzip2 data of `path` at `offset`. Raises InputError for fewer bytes and for more."""
+    needed, there = byte_count(shape, dtype), path.stat().st_size - offset
+    require_plausible(needed, there, bounded=False)
+    require_memory(needed, there)
+    with path.open("rb") as file, decoder_errors("bzip2 data"):
+        file.seek(offset)
+        data = bz2.BZ2File(file).read(needed + 1)
+    require_bytes(needed, len(data), "inflated data")
+    if len(data) > needed:
+        raise expected("inflated data", f"{needed} bytes", "more", "the header states a wrong size")
+    return np.frombuffer(data, np.uint8).view(dtype).reshape(tuple(shape))
+
+
 def packing_of(path: Path) -> str:
     """ "gzip" or "bzip2" by the first bytes of a file, "" for others."""
     with path.open("rb") as file:
@@ -315,18 +329,6 @@ def read_text(file: BinaryIO, dtype: np.dtype, shape: Sequence[int], there: int)
         if block.strip():
             raise expected("data", f"{count} numbers", "more", "the header states a wrong size")
     return numbers.reshape(tuple(shape))
-
-
-def bunzip(path: Path, offset: int, needed: int) -> np.ndarray:
-    """At most `needed` + 1 bytes of bzip2 data in `path` at `offset`. Raises InputError for fewer than needed."""
-    there = path.stat().st_size - offset
-    require_plausible(needed, there, bounded=False)
-    require_memory(needed, there)
-    with path.open("rb") as file, decoder_errors("bzip2 data"):
-        file.seek(offset)
-        data = np.frombuffer(bz2.BZ2File(file).read(needed + 1), np.uint8)
-    require_bytes(needed, data.size, "inflated data")
-    return data
 
 
 # deepest nesting of elements; image files need six

@@ -102,8 +102,7 @@ def _read_data(path: Path, start: int, dtype: np.dtype, shape: tuple[int, int, i
     needed, packing = start + byte_count(shape, dtype), packing_of(path)
     if not packing:
         return map_array(path, start, dtype, shape)
-    is_gzip = packing == "gzip"
-    data = inflate(path, 0, np.dtype(np.uint8), (needed,)) if is_gzip else bunzip(path, 0, needed)
+    data = (inflate if packing == "gzip" else bunzip)(path, 0, np.dtype(np.uint8), (needed,))
     return data[start:needed].view(dtype).reshape(shape)
 
 

@@ -334,14 +334,9 @@ def _read_file(path: Path, header: Header, start: int, shape: list[int], dtype: 
         return map_array(path, max(from_end, 0) if skip == -1 else start + skip, dtype, shape)
     if skip > 0:
         raise expected("byte skip", "0 in compressed or text data", skip)
-    if encoding in ("gzip", "gz"):
-        return inflate(path, start, dtype, shape)
-    if encoding in ("bzip2", "bz2"):
-        needed = byte_count(shape, dtype)
-        data = bunzip(path, start, needed)
-        if data.size > needed:
-            raise expected("inflated data", f"{needed} bytes", "more", "the header states a wrong size")
-        return data.view(dtype).reshape(shape)
+    unpack = {"gzip": inflate, "gz": inflate, "bzip2": bunzip, "bz2": bunzip}.get(encoding)
+    if unpack:
+        return unpack(path, start, dtype, shape)
     if encoding in _TEXT:
         with path.open("rb") as file, decoder_errors("NRRD text data"):
             file.seek(start)
