@@ -355,13 +355,6 @@ _PLANE = re.compile(r"(?i)(?:.*[/\\])?s_?((?:[A-Z]\d{3,6})+)\.tif")
 _LOOK_SECONDS = 2.0
 
 
-def _open_oib(path: Path) -> OneFile:
-    oiffile = import_extra("oiffile", "Olympus's OIB files", "oiffile", "microscopes")
-    if path.suffix.lower() != ".oif":
-        look("microscopes.check_compound", path, _LOOK_SECONDS)
-    return OneFile(path, oiffile.OifFile(path))
-
-
 def check_compound(path: Path) -> None:
     """Raises InputError for another compound file, and for one whose chains of sectors do not end: the library would
     follow them forever, also when it opens the file.
@@ -386,7 +379,10 @@ def _check_chains(table: np.ndarray) -> None:
 
 
 def _find_oib_images(path: Path) -> Found:
-    file = _open_oib(path)
+    oiffile = import_extra("oiffile", "Olympus's OIB files", "oiffile", "microscopes")
+    if path.suffix.lower() != ".oif":
+        look("microscopes.check_compound", path, _LOOK_SECONDS)
+    file = OneFile(path, oiffile.OifFile(path))
     source = file.file
     # 1. planes by their index, as their names have it
     planes, letters = dict[tuple[int, ...], str](), ""

@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -25,7 +25,7 @@ from splatgl.readers.elsewhere import look
 # most planes of a series: a list of them takes memory, even if they are not in the file
 MAX_PLANES = 2**20
 # bytes of a tag's value by the number of its type (TIFF 6.0 §2, TIFF technical note 1, BigTIFF)
-_TYPE_BYTES = (0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8)
+_TYPE_BYTES = dict(enumerate((0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8)))
 # least tags of a page (width, height, offsets and bytes of strips), and most
 _MIN_TAGS, _MAX_TAGS = 4, 4096
 _OME_COUNTS = ("IFD", "NumPlanes", "PlaneCount", "FirstC", "FirstT", "FirstZ", "SizeC", "SizeT", "SizeZ")
@@ -33,61 +33,34 @@ _OME_COUNTS = ("IFD", "NumPlanes", "PlaneCount", "FirstC", "FirstT", "FirstZ", "
 
 def check_chain(path: Path) -> None:
     """Raises InputError for pages that form a cycle, overlap, or share tag values; the decoder reports truncation."""
-    size = path.stat().st_size
+    size, visited, used = path.stat().st_size, set[int](), 0
     with path.open("rb") as file:
-        layout = _read_layout(file.read(16))
-        if layout is None:
+        head = file.read(16)
+        order = {b"II": "<", b"MM": ">"}.get(head[:2])
+        if order is None or len(head) < 16:
             return
-        form, offset = layout
-        # 1. page by page: no cycles, and their total size is at most the file's
-        visited: set[int] = set()
-        used = 0
+        # numbers of tags, tags and offsets; those of BigTIFF have 64 bits
+        is_big = struct.unpack_from(order + "H", head, 2)[0] == 43
+        count, tag, link = (
+            struct.Struct(order + code) for code in (("Q", "HHQQ", "Q") if is_big else ("H", "HHII", "I"))
+        )
+        (offset,) = link.unpack_from(head, 8 if is_big else 4)
         while 0 < offset < size:
             if offset in visited:
-                raise expected(
-                    "pages", "a chain that ends", f"page {len(visited)} leading back to another", "the file is damaged"
-                )
+                got = f"page {len(visited)} leading back to another"
+                raise expected("pages", "a chain that ends", got, "the file is damaged")
             visited.add(offset)
-            table, values, offset = form.page(file, offset)
-            used += table + values
-            # 2. some writers share short tag values between pages
+            file.seek(offset)
+            (tags,) = count.unpack(file.read(count.size).ljust(count.size, b"\0"))
+            if not _MIN_TAGS <= tags <= _MAX_TAGS:
+                raise expected("tags of a page", f"{_MIN_TAGS} to {_MAX_TAGS}", tags, "the file is damaged")
+            table, last = file.read(tags * tag.size), file.read(link.size)
+            entries = tag.iter_unpack(table[: len(table) // tag.size * tag.size])
+            used += len(table) + sum(_TYPE_BYTES.get(kind, 0) * number for _, kind, number, _ in entries)
+            # some writers share short tag values between pages
             if used > 2 * size:
                 raise expected("tags", f"at most {size} bytes", "more", "the file is damaged")
-
-
-class _Layout:
-    """Layout of a TIFF file: classic with 32-bit offsets, or BigTIFF with 64-bit offsets."""
-
-    def __init__(self, order: str, big: bool) -> None:
-        self.count = struct.Struct(order + ("Q" if big else "H"))
-        self.tag = struct.Struct(order + ("HHQQ" if big else "HHII"))
-        self.offset = struct.Struct(order + ("Q" if big else "I"))
-
-    def page(self, file: BinaryIO, start: int) -> tuple[int, int, int]:
-        """(bytes of the page's table, bytes of its tags' values, offset of the next page or 0) at offset `start`."""
-        file.seek(start)
-        head = file.read(self.count.size)
-        if len(head) < self.count.size:
-            return 0, 0, 0
-        (tags,) = self.count.unpack(head)
-        if not _MIN_TAGS <= tags <= _MAX_TAGS:
-            raise expected("tags of a page", f"{_MIN_TAGS} to {_MAX_TAGS}", tags, "the file is damaged")
-        table = file.read(tags * self.tag.size)
-        whole = len(table) // self.tag.size * self.tag.size
-        entries = list(self.tag.iter_unpack(table[:whole]))
-        values = sum(_TYPE_BYTES[kind] * count for _, kind, count, _ in entries if kind < len(_TYPE_BYTES))
-        last = file.read(self.offset.size)
-        following = self.offset.unpack(last)[0] if len(last) == self.offset.size else 0
-        return len(table), values, following
-
-
-def _read_layout(head: bytes) -> tuple[_Layout, int] | None:
-    """The layout and the offset of the first page by a file's first bytes; None if it is not TIFF."""
-    order = {b"II": "<", b"MM": ">"}.get(head[:2])
-    if order is None or len(head) < 16:
-        return None
-    big = struct.unpack_from(order + "H", head, 2)[0] == 43
-    return _Layout(order, big), struct.unpack_from(order + ("Q" if big else "I"), head, 8 if big else 4)[0]
+            offset = link.unpack(last)[0] if len(last) == link.size else 0
 
 
 def check_ome(root: Element) -> None:

@@ -184,13 +184,8 @@ def _convert(data: Any, options: LoadOptions) -> Volume:
         leaf, array = select_entry(entries, options, "blocks")
     options = replace(options, array=array)
     if leaf.IsA("vtkImageData") or leaf.IsA("vtkRectilinearGrid"):
-        return _convert_even(leaf, options)
+        return place_on_even(leaf, _select(leaf, options)[0], even=options.spacing is not None)
     return _resample(leaf, options)
-
-
-def _convert_even(data: Any, options: LoadOptions) -> Volume:
-    """The volume of an image or a rectilinear grid."""
-    return place_on_even(data, _select(data, options)[0], even=options.spacing is not None)
 
 
 def place_on_even(data: Any, choice: Selection, even: bool = False) -> Volume:
