@@ -406,4 +406,4 @@ def _units(header: Header, space: list[int]) -> list[str]:
     units = header.get("space units")
     if units is None and len(header.get("units", ())) == header["dimension"]:
         units = [header["units"][axis] for axis in space]
-    return [unit_name(unit) for unit in (units or ("",) * 3)[:3]]
+    return [unit_name(unit) for unit in [*(units or ()), "", "", ""][:3]]

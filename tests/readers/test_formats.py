@@ -136,6 +136,9 @@ def test_nrrd_units_of_several_lengths(tmp_path: Path) -> None:
     units = 'units: "um" "um" "mm"\n'
     volume = load(put(tmp_path / "a.nrrd", header, "spacings: 1 2 0.003\n", units, "\n", F.tobytes()))
     assert volume.spacing == pytest.approx((1, 2, 3)) and volume.unit == "um"
+    # fewer units than axes of space
+    few = put(tmp_path / "b.nrrd", header, "space: LPS\n", DIRECTIONS, 'space units: "mm"\n', "\n", F.tobytes())
+    assert load(few).shape == F.shape
 
 
 def test_gzip_data_of_several_members(tmp_path: Path) -> None:
