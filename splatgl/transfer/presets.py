@@ -27,6 +27,7 @@ from splatgl.transfer.statistics import (
     NoiseBackground,
     Statistics,
     background_of,
+    is_constant,
     sorted_percentile,
     statistics,
     values_of_planes,
@@ -550,7 +551,7 @@ def constant_note(volume: Volume) -> str:
         return ""
     plane = np.asarray(level.samples[level.shape[0] // 2])
     values = plane[np.isfinite(plane)] if plane.dtype.kind == "f" else plane
-    if values.size and values.min() != values.max():
+    if values.size and not is_constant(float(values.min()), float(values.max())):
         return ""
     stats = statistics(volume)
     is_seen = len(stats.values) > 0 and stats.constant

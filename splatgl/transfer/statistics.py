@@ -298,6 +298,8 @@ FEW = 2000
 # maximum number of voxels of these, and of the level of a multiscale image that is sampled
 MOST_WHOLE, MOST_OF_LEVEL = 1 << 31, 1 << 27
 BINS = 256
+# steps of float64 by which values differ that are the same but for rounding
+ROUNDED = 2 * BINS
 # percentile of the values where the histogram and the spread end, so that a few outliers don't stretch them
 HISTOGRAM_END = 99.9
 # a face of the box is touched by an object if more than this share of it is covered
@@ -369,6 +371,7 @@ def statistics(volume: Volume) -> Statistics:
         finite, sample = finite[far.near(finite)], np.where(far.near(sample), sample, np.nan)
     if len(finite) == 0:
         return Statistics(finite, 1.0, (), 0)
+    _even_out(finite)
     background = _count_up_to(finite, finite[0]) / len(finite)
     noise = background_of(finite, NOISY) if background < SPARSE else None
     ground = background_of(finite, SPARSE) if noise is not None else None
@@ -377,10 +380,17 @@ def statistics(volume: Volume) -> Statistics:
         background = _count_up_to(finite, finite[0]) / len(finite)
     if background >= SPARSE and (1.0 - background) * len(finite) < FEW and volume.count <= MOST_WHOLE:
         finite = _foreground(volume, float(finite[0]), ground, far)
+        _even_out(finite)
     cuts = _ladder(finite)
     if noise is not None and not _is_independent(volume, noise):
         noise = None
     return Statistics(finite, background, cuts, _object_rung(sample, cuts), ground, noise)
+
+
+def _even_out(values: np.ndarray) -> None:
+    """Sets sorted values that differ by rounding alone to the lowest."""
+    if is_constant(float(values[0]), float(values[-1])):
+        values[:] = values[0]
 
 
 def _is_independent(volume: Volume, ground: NoiseBackground) -> bool:
@@ -390,6 +400,11 @@ def _is_independent(volume: Volume, ground: NoiseBackground) -> bool:
     first, second = plane[:, :-1], plane[:, 1:]
     steps = (second - first)[(first <= ground.cut) & (second <= ground.cut)]
     return len(steps) > 0 and float(np.mean(steps**2)) >= 2 * (INDEPENDENT * ground.noise) ** 2
+
+
+def is_constant(low: float, high: float) -> bool:
+    """Whether values from low to high differ by rounding alone."""
+    return high - low <= ROUNDED * np.spacing(max(abs(low), abs(high)))
 
 
 def spread(volume: Volume) -> float:
@@ -515,7 +530,7 @@ def _foreground(volume: Volume, lowest: float, ground: NoiseBackground | None, f
 def _ladder(values: np.ndarray) -> tuple[ClassThreshold, ...]:
     """Cuts by Otsu's rule: between all values, then between those above the first cut, and so on."""
     cuts: list[ClassThreshold] = []
-    while len(cuts) < RUNGS and len(values) > 1 and values[0] < values[-1]:
+    while len(cuts) < RUNGS and len(values) > 1 and not is_constant(float(values[0]), float(values[-1])):
         cut = _otsu(values)
         cuts.append(cut)
         values = values[values > cut.value]

@@ -170,3 +170,13 @@ def test_hot_voxels_do_not_spread_values() -> None:
     assert spreads[:3] == [0, 0, 0] and spreads[3:] == sorted(spreads[3:]) and spreads[3] > 0
     assert mean_deviation(Volume(np.array([[[-1e308, 1e308, np.inf]]]))) == np.inf
     assert sampled_steps(2) == [0, 1] and sampled_steps(1000) == [0, 250, 500, 749, 999]
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e300, 1e-300])
+def test_rounding_is_no_contrast(scale: float) -> None:
+    """Values that differ by rounding alone count as one value, alone and as foreground."""
+    values = np.where(np.random.default_rng(0).random((8, 8, 8)) > 0.5, 0.3, 0.1 * 3) * scale
+    assert len(np.unique(values)) == 2 and statistics(Volume(values)).constant
+    samples = np.zeros((24, 24, 24))
+    samples[:4, :4, :4] = values[:4, :4, :4]
+    assert len(statistics(Volume(samples)).cuts) == 1
