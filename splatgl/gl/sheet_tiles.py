@@ -45,7 +45,7 @@ from splatgl.gl.tiles import (
     unlisted_tiles,
 )
 from splatgl.planning.bricks import IsVisible, Shell
-from splatgl.planning.clusters import has_open, touched_tiles
+from splatgl.planning.clusters import has_open, sums_of_open, touched_tiles
 from splatgl.planning.culling import Frustum, PixelWindow, blocks_in_frustum, tiles_beside_box
 from splatgl.planning.plan import Plan
 from splatgl.planning.technique import COLUMNS, ROWS, batch_starts
@@ -195,15 +195,18 @@ class SheetTiles:
         plan, band = spec.plan, self.begin_band(spec, whole, window)
         across = -(-window.width // COLUMNS)
 
+        open_ = sums_of_open(band.closed.reshape(-1, across))
+
         def is_visible(low: np.ndarray, high: np.ndarray) -> np.ndarray:
             tiles = touched_tiles(low.T, high.T, plan.view, window)
-            return may_show(low, high, plan) & has_open(tiles, band.closed.reshape(-1, across))
+            return may_show(low, high, plan) & has_open(tiles, open_)
 
         span = sheet_span(whole, plan)
         for splats in batches.of(is_visible):
             texels, count = self._in_order(spec, self.batch.texels(splats.records), len(splats), span)
             band.end = count + 1
             self.tiles.gather(spec, self, texels, (0, count), band)
+            open_ = sums_of_open(band.closed.reshape(-1, across))
         self.flush(spec, band)
 
     def show(self, target: RenderTarget, whole: Splats, plan: Plan) -> None:

@@ -245,24 +245,21 @@ class Lister:
         clear_buffer(cursors, size)
         self._run(spec, band, placed, count, {"COUNTING": True})
         counts = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, across * down + 1)
-        counts = counts[:, :-1]
+        # of tiles with splats, often a few
+        nonempty = np.flatnonzero(counts[:, :-1].any(axis=0) & ~unlisted_tiles(spec, band))
+        counts = np.take(counts, nonempty, axis=1)
         # ordered by tile, then by run
         until = np.cumsum(counts, axis=0, dtype=np.uint32)
-        unlisted = unlisted_tiles(spec, band)
-        until[:, unlisted] = 0
         lengths = until[-1].astype(np.int64)
         # each list starts at a multiple of four: shaders read four entries at once
         padded_ends = np.cumsum(-(-lengths // 4) * 4)
-        if padded_ends[-1] > MOST_LISTED and count > 1:
+        if len(nonempty) and padded_ends[-1] > MOST_LISTED and count > 1:
             return None
         begins = padded_ends - (-(-lengths // 4) * 4)
         starts = np.full((runs, across * down + 1), NOWHERE, np.uint32)
-        starts[:, :-1] = until - counts + begins.astype(np.uint32)
-        starts[:, :-1][:, unlisted] = NOWHERE
+        starts[:, nonempty] = until - counts + begins.astype(np.uint32)
         cursors.write(starts)
-        nonempty = np.flatnonzero(lengths)
-        ends = begins[nonempty] + lengths[nonempty]
-        return np.stack([nonempty, begins[nonempty], ends, np.zeros_like(ends)], axis=1).astype(np.uint32)
+        return np.stack([nonempty, begins, begins + lengths, np.zeros_like(begins)], axis=1).astype(np.uint32)
 
     def list(self, spec: Spec, band: TileBand, placed: ProjectedSplats, count: int, total: int) -> None:
         """Lists the splats that were counted, of `total` entries."""

@@ -30,19 +30,19 @@ from splatgl.readers.chunked import COPIES, Chunked
 from splatgl.readers.common import is_mapped
 from splatgl.splat.extract import POST_KERNEL, why_only_pre
 from splatgl.splat.extract_values import box_records, boxes, gaps_of, post_splats
+from splatgl.splat.hidden_interior import BLOCK, HiddenInterior, in_voxels
 from splatgl.splat.hidden_interior import SIDE as SIDE_OF_CELLS
-from splatgl.splat.hidden_interior import HiddenInterior, in_voxels
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.settings import Settings
 from splatgl.splat.sheets import NearField, Sheets, near_box
-from splatgl.splat.splats import MOST_KEPT, Splats, record_type
+from splatgl.splat.splats import MOST_KEPT, Splats, as_bytes, join_records, record_type
 from splatgl.transfer.preintegration import ValueClassifier
 from splatgl.transfer.transfer import Transfer
 
-# voxels along a brick's sides, and those of the blocks of which only some are extracted; voxels that are searched for
-# missing samples at a time
-SIDE, BLOCK, PART = 64, 8, 1 << 22
+# voxels along a brick's sides, of whose blocks only some are extracted; voxels that are searched for missing samples
+# at a time
+SIDE, PART = 64, 1 << 22
 # bytes of a cell in which hidden voxels are searched, the share of the memory that they take, and their longest side
 SEARCHED, SEARCH_SHARE, WIDEST = 7, 1 / 2, 16
 # least number of splats in a batch, except the last: with little memory, and with enough
@@ -215,11 +215,14 @@ class Bricks:
                 in_shell = (base >= first - sheets.count) & (base <= last + 1)
                 records, base = records[in_shell], base[in_shell]
             # a band may have left out some blocks
-            block = np.ravel_multi_index(((drawn - self.low[brick]) // BLOCK).T[::-1], shown.shape)
+            x, y, z = ((drawn[:, n] - np.int32(low)) // BLOCK for n, low in enumerate(self.low[brick]))
+            block = (z * shown.shape[1] + y) * shown.shape[2] + x
             counts = np.bincount(block, minlength=shown.size)
             self.counts[brick] = np.maximum(counts, self.counts.get(brick, 0))
-            by_sheet = np.argsort(base, kind="stable")
-            return records[by_sheet], base[by_sheet]
+            # 16 bits are sorted many times faster
+            first = base.min(initial=np.iinfo(np.int32).max)
+            by_sheet = np.argsort((base - first).astype(np.uint16), kind="stable")
+            return np.take(records, by_sheet), base[by_sheet]
 
         nothing = np.zeros(0, record_type(self.volume.shape, post=True)), np.zeros(0, np.int32)
         waiting: deque[Future[SheetRecords] | None] = deque()
@@ -330,7 +333,7 @@ class Bricks:
             for end in self._cuts(waiting, limit):
                 ready = _count_before(waiting, end)
                 nothing = np.zeros(0, record_type(self.volume.shape, post=True))
-                batch = np.concatenate(
+                batch = join_records(
                     [nothing, *(records[:many] for (records, _), many in zip(waiting, ready, strict=True))]
                 )
                 pairs = zip(waiting, ready, strict=True)
@@ -357,7 +360,7 @@ def _split_off(records: np.ndarray, base: np.ndarray, end: int) -> SheetRecords:
     """Returns records and sheets from `end` on, copied if that frees more than half of their memory."""
     total = len(records) if records.base is None else len(records.base)
     if 2 * (len(records) - end) < total:
-        return records[end:].copy(), base[end:].copy()
+        return as_bytes(records[end:]).copy().view(records.dtype), base[end:].copy()
     return records[end:], base[end:]
 
 

@@ -120,7 +120,8 @@ class Clusters:
         tiles, count = touched_tiles(self.low, self.high, view, window, stride), np.diff(self.begin)
         begin, most, wide, expected = 0, end - base + 1, 1.0, np.inf
         while begin < most:
-            shown = np.flatnonzero((last >= begin) & has_open(tiles, closed().reshape(-1, -(-window.width // COLUMNS))))
+            open_ = sums_of_open(closed().reshape(-1, -(-window.width // COLUMNS)))
+            shown = np.flatnonzero((last >= begin) & has_open(tiles, open_))
             if not len(shown):
                 return
             # the splats of a cluster that are left, about in the middle of its sheets that are left
@@ -167,10 +168,15 @@ def touched_tiles(
     return np.concatenate([np.clip(first, 0, many), np.clip(end, 0, many)]).astype(np.int64)
 
 
-def has_open(tiles: np.ndarray, closed: np.ndarray) -> np.ndarray:
-    """bool [C]: whether rectangles of tiles [4, C] have an open one. closed [rows, columns]: mask."""
+def sums_of_open(closed: np.ndarray) -> np.ndarray:
+    """int64 [rows + 1, columns + 1]: numbers of open tiles above and left of each corner. closed [rows, columns]."""
     before = np.zeros((closed.shape[0] + 1, closed.shape[1] + 1), np.int64)
     before[1:, 1:] = np.cumsum(np.cumsum(~closed, axis=0), axis=1)
+    return before
+
+
+def has_open(tiles: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """bool [C]: whether rectangles of tiles [4, C] have an open one. before: of `sums_of_open`."""
     x, y, right, lower = tiles
     right, lower = np.maximum(x, right), np.maximum(y, lower)
     return np.asarray(before[lower, right] - before[y, right] - before[lower, x] + before[y, x] > 0)

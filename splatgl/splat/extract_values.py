@@ -19,7 +19,7 @@ from splatgl.geometry.grid import Grid, dilate
 from splatgl.geometry.mask_field import MaskField
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.prefilter import PREFILTERED, STEP_HALO, coefficients, extreme_filter, margin_of, prefilter
-from splatgl.splat.splats import GrowingRecords, Splats, assemble, in_parts, record_type
+from splatgl.splat.splats import GrowingRecords, Splats, assemble, in_parts, join_records, record_type
 from splatgl.transfer.preintegration import ValueClassifier, clear_isolated
 
 # integer types up to this many bytes take their record values from a table
@@ -78,8 +78,8 @@ def extract_post(
         records = parts[0]
         if len(parts) > 1:
             # boxes are in row order; merge their planes
-            records = np.concatenate(parts)
-            records = records[np.argsort(records["position"][:, 2], kind="stable")]
+            records = join_records(parts)
+            records = np.take(records, np.argsort(records["position"][:, 2], kind="stable"))
         gathered.add(records)
     return post_splats(volume, post, gathered.records, np.concatenate(gaps))
 

@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -34,11 +35,14 @@ from splatgl.data.volume import Places, Volume
 from splatgl.geometry.grid import Grid
 from splatgl.splat.extract_values import tabulate
 from splatgl.splat.kernels import FREE, kernel
+from splatgl.splat.prefilter import extreme_filter
 from splatgl.splat.splats import in_parts
 from splatgl.transfer.preintegration import CELLS, ValueClassifier
 
 # voxels along a cell, which kernels of values reach where no pixel is wider than a voxel
 SIDE = 2
+# voxels along a side of the blocks that are left out together where no value is wanted, or seen
+BLOCK = 8
 # largest change of a pixel: 1/13 of the least tolerance of a picture without the interior, which is one level of 8 bits
 # where sRGB is steepest
 TOLERANCE = 1 / 255
@@ -62,10 +66,13 @@ TOGETHER, BESIDE, ROUNDED = 32, 1, 1e-6
 
 @dataclass(frozen=True, eq=False)
 class HiddenInterior:
-    """Cells of hidden voxels. cells bool [Z, Y, X]: of `side`³ voxels each, the first at the volume's first voxel."""
+    """Voxels that are left out. cells bool [Z, Y, X]: of `side`³ voxels each, the first at the volume's first voxel,
+    that are hidden, or in blocks without a wanted value. count: number of hidden voxels.
+    """
 
     cells: np.ndarray
     side: int = SIDE
+    count: int = 0
 
     @classmethod
     def of(
@@ -91,7 +98,7 @@ class HiddenInterior:
         probe = _codes(post, volume.samples[::PROBE, ::PROBE, ::PROBE])
         if not _is_worth_it((extinction > 0)[probe], PROBE):
             return None
-        interval = _intervals(volume, post, reach, side)
+        interval, void = _intervals(volume, post, reach, side)
         if eye is None and not _is_worth_it(_depth_table(np.where(extinction > 0, np.inf, 0.0))[interval] > 0, side):
             return None
         thickness = side / np.linalg.norm(np.linalg.inv(Grid.of(volume).world_from_index), axis=1)
@@ -103,13 +110,13 @@ class HiddenInterior:
         else:
             depth = depths_from_outside([np.take(table, interval) for table in tables])
         del interval
-        hidden = cls((least_around(depth, reach) == FULL)[1:-1, 1:-1, 1:-1], side)
-        return hidden if hidden.count >= LEAST else None
-
-    @property
-    def count(self) -> int:
-        """Number of voxels in the cells."""
-        return int(self.cells.sum()) * self.side**3
+        cells = (least_around(depth, reach) == FULL)[1:-1, 1:-1, 1:-1]
+        count = np.count_nonzero(cells) * side**3
+        if count < LEAST:
+            return None
+        if not volume.masks:
+            cells |= in_voxels(void, max(BLOCK // side, 1), (0, 0, 0), cells.shape)
+        return cls(cells, side, count)
 
     def inside(self, low: Places, high: Places) -> np.ndarray:
         """bool: whether voxels low ≤ (z, y, x) < high are hidden."""
@@ -179,15 +186,38 @@ def _depth_table(depths: np.ndarray) -> np.ndarray:
     return np.where((low > 0) & (low <= high), minima[first, last], 0).astype(np.uint8).ravel()
 
 
-def _intervals(volume: Volume, post: ValueClassifier, reach: int, side: int) -> np.ndarray:
-    """uint16 [Z, Y, X]: intervals of codes within `reach` of each cell: 256 · the lowest code + the highest. A layer
-    around all cells, and cells beyond the ends, count as missing.
+def _without_matter(low: np.ndarray, high: np.ndarray, post: ValueClassifier, side: int) -> np.ndarray:
+    """bool [Z, Y, X]: blocks of BLOCK³ voxels which, with those around them, have no wanted value. low, high: as of
+    `_ends`.
     """
-    low, high = (least_around(ends, reach) for ends in _ends(volume, post, side))
+    wanted = np.zeros(257, np.int64)
+    scale, offset = (part * BINS / CELLS for part in post.scale)
+    for ends in np.floor(post.wanted.astype(np.float32) * np.float32(scale) + np.float32(offset)):
+        first, last = np.clip(ends, -1, BINS).astype(int) + 2
+        wanted[first + 1 : last + 2] = 1
+    before, side = np.cumsum(wanted), max(BLOCK // side, 1)
+    ends = []
+    for codes in (low, high):
+        inner = codes[1:-1, 1:-1, 1:-1]
+        inner = np.pad(inner, [(0, -size % side) for size in inner.shape], "edge")
+        least = _ends_of_cells(np.minimum, inner, side)
+        for axis in range(3):
+            least = extreme_filter(np.minimum, least, axis)
+        ends.append(least.astype(int))
+    return np.asarray(before[FULL - ends[1] + 1] == before[ends[0]])
+
+
+def _intervals(volume: Volume, post: ValueClassifier, reach: int, side: int) -> tuple[np.ndarray, np.ndarray]:
+    """uint16 [Z, Y, X]: intervals of codes within `reach` of each cell: 256 · the lowest code + the highest. A layer
+    around all cells, and cells beyond the ends, count as missing. And the blocks of `_without_matter`.
+    """
+    ends = _ends(volume, post, side)
+    void = _without_matter(*ends, post, side)
+    low, high = (least_around(end, reach) for end in ends)
     interval = low.astype(np.uint16)
     interval <<= 8
     interval += np.subtract(FULL, high, out=high)
-    return interval
+    return interval, void
 
 
 def _ends(volume: Volume, post: ValueClassifier, side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -230,13 +260,20 @@ def least_around(a: np.ndarray, reach: int = 1) -> np.ndarray:
     covered = 0
     while covered < reach:
         step = min(covered + 1, reach - covered)
-        for axis in range(3):
-            least, along = np.zeros_like(a), np.moveaxis(a, axis, 0)
-            middle = np.moveaxis(least, axis, 0)[step:-step]
-            np.minimum(np.minimum(along[: -2 * step], along[2 * step :]), along[step:-step], out=middle)
-            a = least
+        a, least = np.zeros_like(a), a
+        in_parts(max(len(a) - 2 * step, 0), max(PART // max(a[:1].size, 1), 1), partial(_fill_least, a, least, step))
         covered += step
     return a
+
+
+def _fill_least(filled: np.ndarray, a: np.ndarray, step: int, planes: slice) -> None:
+    """Fills planes, counted from `step` on, with minima within `step`; together the three axes stay in the cache."""
+    least = a[planes.start : planes.stop + 2 * step]
+    for axis in range(3):
+        along = np.moveaxis(least, axis, 0)
+        three = np.minimum(np.minimum(along[: -2 * step], along[2 * step :]), along[step:-step])
+        least = np.moveaxis(three, 0, axis)
+    filled[planes.start + step : planes.stop + step, step:-step, step:-step] = least
 
 
 def depths_from_outside(depths: list[np.ndarray]) -> np.ndarray:

@@ -182,10 +182,12 @@ class Sheets:
 
     def places(self, view: GridView, positions: np.ndarray) -> np.ndarray:
         """Distances from the eye over thickness, float64 [N], of splats at grid positions [N, 3]."""
-        i = np.asarray(positions, np.float64) - view.eye_index
         if view.perspective:
-            return np.linalg.norm(i, axis=-1) / self.thickness
-        return i @ index_direction(view) / self.thickness
+            x, y, z = (
+                np.subtract(positions[..., n], along, dtype=np.float64) for n, along in enumerate(view.eye_index)
+            )
+            return np.asarray(np.sqrt(x * x + y * y + z * z) / self.thickness)
+        return (np.asarray(positions, np.float64) - view.eye_index) @ index_direction(view) / self.thickness
 
     def range(self, splats: Splats, view: GridView) -> tuple[int, int]:
         """Least and largest first sheet of all splats, from their box."""

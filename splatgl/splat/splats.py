@@ -196,6 +196,16 @@ def as_points(records: np.ndarray) -> np.ndarray:
     return points
 
 
+def join_records(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Records of several arrays, one after another, as bytes: numpy copies them field by field otherwise."""
+    return np.concatenate([as_bytes(part) for part in parts]).view(parts[0].dtype)
+
+
+def as_bytes(records: np.ndarray) -> np.ndarray:
+    """Records [N] without their fields, which numpy copies at once."""
+    return records.view(f"V{records.dtype.itemsize}")
+
+
 class GrowingRecords:
     """Array of records that grows in place, so that no record is stored twice."""
 
@@ -209,7 +219,7 @@ class GrowingRecords:
             self.records = part
             return
         self.records.resize(before + len(part), refcheck=False)
-        self.records[before:] = part
+        as_bytes(self.records)[before:] = as_bytes(part)
 
 
 # five bits an axis: code k stands for a run of 2^(k·OCTAVES) cells, so that 31 is about 1000

@@ -243,6 +243,36 @@ def test_bricks_leave_out_what_the_eye_does_not_see(
     assert np.abs(image.pixels - off.pixels).max() <= 2 * LIGHT
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_blocks_without_a_wanted_value_are_not_read(
+    seed: int, small_interiors: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their records are none, also beside missing samples and with values between others."""
+    random = np.random.default_rng(seed)
+    samples = inside(np.linalg.norm(np.indices((60, 64, 64)).T - 17, axis=-1).T - 14) + random.uniform(
+        0, 30, (60, 64, 64)
+    )
+    samples[30:44, 50:60, 5:12] = (-100, -20, 0)[seed % 3]
+    if seed > 2:
+        samples[:20, :20, 50:][random.random((20, 20, 14)) < 0.01] = np.nan
+    volume = sg.Volume(samples.astype(np.float32 if seed > 2 else np.int16))
+    transfer = (SOLID, sg.Transfer([(60, 0.0), (100, 0.9999)], iso=[-20.0]))[seed % 2]
+    post = ValueClassifier.of(transfer, "b-spline", volume.shape[::-1])
+    reads, drawn = list[int](), list[list[np.ndarray]]()
+    box = sg.Volume.box
+    for is_known in (True, False):
+        if not is_known:
+            monkeypatch.setattr(hidden_interior, "_without_matter", lambda *_: np.zeros((8, 8, 8), bool))
+        found = HiddenInterior.of(volume, post, 1.0, 1, np.array([-300.0, 20.0, 20.0, 1.0]))
+        assert found is not None
+        calls = list[int]()
+        monkeypatch.setattr(sg.Volume, "box", lambda *a, calls=calls: (calls.append(1), box(*a))[1])
+        bricks = replace(Bricks.of(volume, post, 16), hidden=found)
+        drawn.append([bricks.records(n) for n in range(len(bricks.low))])
+        reads.append(len(calls))
+    assert reads[0] < 0.8 * reads[1] and all(np.array_equal(a, b) for a, b in zip(*drawn, strict=True))
+
+
 @pytest.mark.parametrize("parallel", [False, True])
 def test_wide_pixels_leave_out_less(small_interiors: None, renderer: sg.Renderer, parallel: bool) -> None:
     """Kernels of wide pixels reach further into the matter: fewer voxels are hidden, and the picture stays the same."""
