@@ -370,9 +370,9 @@ EACH = 100
 # bricks in advance; per splat of a batch; per splat that waits; least for splats that wait and samples; and maximum
 # number of bands
 BRICKS, THREAD, BATCHED, WAITING, LEAST, MOST_BANDS = 350 << 20, 120 << 20, 270, 64, 32 << 20, 16
-# bytes per sample of the picture: target, resolved and read-back copies, and open sheets; samples of a pixel where
-# voxels are not narrower than pixels
-SAMPLE, MOST_FINE = 160, 4
+# bytes per sample of the picture: target, resolved and read-back copies, and open sheets; of these the latter, of which
+# a picture without bricks only has a band; samples of that; samples of a pixel where voxels are not narrower than pixels
+SAMPLE, OPEN_SHEETS, BAND, MOST_FINE = 160, 120, 1 << 20, 4
 # boxes that are read for an estimate, voxels along their sides, and steps between them as shares of the volume's sides:
 # the R sequence in three dimensions, which leaves no gaps (Roberts 2018)
 PROBES, PROBE_SIDE, STEPS = 64, 24, (0.8191725134, 0.6710436067, 0.5497004779)
@@ -420,9 +420,15 @@ class MemoryEstimate:
 
 def needed_together(needs: Sequence[MemoryEstimate]) -> MemoryEstimate:
     """The memory of a picture of several channels, which share its samples and all that one volume needs beside."""
-    shared = (len(needs) - 1) * (PROCESS + SAMPLE * needs[0].samples)
+    samples = needs[0].samples
+    own = sum(need.bytes - PROCESS - _bytes_of_samples(samples) for need in needs)
     totals = {name: sum(getattr(need, name) for need in needs) for name in ("splats", "most", "waiting")}
-    return MemoryEstimate(bytes=sum(need.bytes for need in needs) - shared, samples=needs[0].samples, **totals)
+    return MemoryEstimate(bytes=own + PROCESS + SAMPLE * samples, samples=samples, **totals)
+
+
+def _bytes_of_samples(count: int) -> int:
+    """Bytes of the samples of a picture of one volume without bricks."""
+    return (SAMPLE - OPEN_SHEETS) * count + OPEN_SHEETS * min(count, BAND)
 
 
 def estimate_need(bricks: Bricks, pixels: int, enough: int) -> MemoryEstimate:
@@ -433,7 +439,7 @@ def estimate_need(bricks: Bricks, pixels: int, enough: int) -> MemoryEstimate:
     volume = bricks.volume
     mapped = isinstance(volume.samples, np.ndarray) and is_mapped(volume.samples)
     there = 0 if mapped else volume.count * volume.samples.dtype.itemsize
-    other = PROCESS + SAMPLE * pixels + there
+    other = PROCESS + _bytes_of_samples(pixels) + there
     size = np.array(volume.shape[::-1])
     # a layer across the volume, as thick as a brick's diagonal, of which half is drawn on average
     layer = int(np.sort(size)[1:].prod() * min(SIDE, int(size.min())))

@@ -381,6 +381,9 @@ def test_estimates(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) ->
     many = bricking.MemoryEstimate(10**9, 10**9, 10**12, 2**32, 2**20)
     few, more, most = (many.fitted(bricks, memory)[1] for memory in (2**31, 2**30, 1))
     assert 1 < few < more < most == bricking.MOST_BANDS
+    # a picture without bricks has open sheets of a band alone; layers of all samples
+    whole, beside = (bricking.estimate_need(bricks, 2**24, 0) for _ in range(2))
+    assert whole.bytes < 100 * 2**24 < bricking.needed_together([whole, beside]).bytes
     monkeypatch.setattr(Bricks, "records", lambda *_: pytest.fail("read"))
     assert bricking.estimate_need(bricks, 100, 2**40).splats == volume.count
     assert 0 < fileio.budget() < 2**50
@@ -441,6 +444,20 @@ def test_the_command_keeps_its_memory(tmp_path: Path, dtype: type, chunk: int, s
         # a choice of the level may come before the picture
         code, taken, told = peak(math.ceil(float(least[1]) + 150))
         assert code == 0 and taken < float(least[1]) + 150
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform != "linux", reason="peaks are in KiB there")
+def test_a_picture_that_fits_is_drawn_whole(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Within the memory that is estimated for it."""
+    volume = sg.Volume(noise(rng, (60, 60, 60)))
+    volume.save(tmp_path / "a.nrrd")
+    need = bricking.estimate_need(in_bricks(volume, RAMP, ALL), 4 * 1500**2, 2**40)
+    command = [sys.executable, "-m", "splatgl", "render", str(tmp_path / "a.nrrd"), "--size", "1500", "--check", "0"]
+    points = ",".join(f"{value}:{opacity}" for value, opacity in RAMP.points)
+    command += ["--points", points, "-o", str(tmp_path / "a.npy"), "--memory"]
+    code, taken, told = peak_of(tmp_path, command, (need.bytes >> 20) + 1)
+    assert code == 0 and "bricks" not in told and taken <= need.bytes >> 20, told
 
 
 # its own peak, in KiB, is that of a small process: a child of this one begins with the peak of this one
