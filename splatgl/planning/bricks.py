@@ -371,7 +371,8 @@ EACH = 100
 # number of bands
 BRICKS, THREAD, BATCHED, WAITING, LEAST, MOST_BANDS = 350 << 20, 120 << 20, 270, 64, 32 << 20, 16
 # bytes per sample of the picture: target, resolved and read-back copies, and open sheets; of these the latter, of which
-# a picture without bricks only has a band; samples of that; samples of a pixel where voxels are not narrower than pixels
+# a picture without bricks has those of a band; samples of a band; samples of a pixel where voxels are not narrower than
+# pixels
 SAMPLE, OPEN_SHEETS, BAND, MOST_FINE = 160, 120, 1 << 20, 4
 # boxes that are read for an estimate, voxels along their sides, and steps between them as shares of the volume's sides:
 # the R sequence in three dimensions, which leaves no gaps (Roberts 2018)
