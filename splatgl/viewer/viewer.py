@@ -113,6 +113,8 @@ SAVE_PICTURE = "save-picture"
 PREVIEWS = ("preview", "hud", "panel", "keyframe")
 # seconds between two looks for events while a frame is prepared
 POLLED = 0.05
+# seconds between two texts while a frame is drawn
+TOLD = 0.5
 # maximum panel frames between two portions of a picture
 MOST_SHOWN = 2
 # seconds of a preview that the panel waits for
@@ -164,6 +166,9 @@ class Viewer:
         self.inputs, self.touched = 0, self.now()
         # when a frame in preparation looked for events
         self.polled = self.touched
+        # when the text was written, and the frame that is drawn was begun
+        self.told = self.begun = self.touched
+        self.is_refining = False
         self.closed, self.dirty = False, 1
         self.failed: BaseException | None = None
         arrangement = WindowLayout.of(os.environ)
@@ -480,8 +485,12 @@ class Viewer:
             # quick previews need no portions
             is_slow = level == 0 or self.refiner.pace.expected(level) > WAITED
             interrupted = partial(self._is_interrupted, inputs, level == 0) if is_slow else None
-            with checked(self._check_closing):
-                frame = self.painter.draw(self.state, self.document, LADDER[level], blurs, interrupted)
+            self.begun, self.is_refining = self.now(), level == 0
+            try:
+                with checked(self._check_closing):
+                    frame = self.painter.draw(self.state, self.document, LADDER[level], blurs, interrupted)
+            finally:
+                self.is_refining = False
             self.clear_message(PICTURE)
             self.dirty = max(self.dirty, 1 + frame.full)
             return wanted, frame.full
@@ -507,9 +516,12 @@ class Viewer:
 
     def _is_interrupted(self, inputs: int, is_full: bool = True) -> bool:
         """Polls events during a frame and shows the panel that they change; True after new input, which cancels the
-        frame if `is_full`. A preview goes on, and shows the panel only while the cursor is over it.
+        frame if `is_full`. A preview goes on, and shows the panel only while the cursor is over it. The text goes on
+        with other threads, and counts the seconds of a frame.
         """
         self.window.wait(0.0)
+        if self.inputs == inputs and self.now() - self.told > TOLD:
+            self.show()
         # a change is shown after the frame that makes it
         for _ in range(MOST_SHOWN):
             if self.dirty and self.panel is not None and (self.inputs == inputs if is_full else self.panel.touched):
@@ -532,7 +544,9 @@ class Viewer:
         running = self.recorder.running
         note = self.painter.compared(self.state, self.reference)
         note = f"recording {running.target.name}: {running.text}" if running else note
-        doing = self.busy or self.pending_reason
+        self.told = self.now()
+        refining = f"refining, {self.told - self.begun:.0f} s" if self.is_refining else None
+        doing = self.busy or self.pending_reason or refining
         if self.painter.write(self.state, self.document, self.window.scale, doing, note):
             self.refresh()
         if self.dirty:

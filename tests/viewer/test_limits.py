@@ -316,7 +316,7 @@ def test_a_click_is_shown_between_two_portions(monkeypatch: pytest.MonkeyPatch) 
         shown.append(self.dirty)
 
     monkeypatch.setattr(Viewer, "_redisplay", redisplay)
-    view.inputs, view.dirty = 3, 2
+    view.inputs, view.dirty, view.told = 3, 2, view.now()
     assert not view._is_interrupted(3) and shown == [1, 0]
     view.dirty = 3
     assert view._is_interrupted(2) and not view._is_interrupted(2, is_full=False) and len(shown) == 2
@@ -326,6 +326,26 @@ def test_a_click_is_shown_between_two_portions(monkeypatch: pytest.MonkeyPatch) 
     assert not view._is_interrupted(2, is_full=False) and shown == [1, 0, 2, 1]
     window.closing = True
     assert view._is_interrupted(3, is_full=False)
+
+
+def test_text_goes_on_while_a_picture_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the share that is extracted, or the seconds of the picture; not between two portions that follow quickly."""
+    view, written = Viewer.__new__(Viewer), list[str]()
+    view.window = cast(Any, SimpleNamespace(wait=lambda seconds: None, closing=False, scale=1.0))
+    monkeypatch.setattr(Viewer, "busy", property(lambda self: busy.pop() if busy else None))
+    monkeypatch.setattr(Viewer, "pending_reason", None)
+    write = lambda state, document, scale, doing, note: written.append(doing)  # noqa: E731
+    view.painter = cast(Any, SimpleNamespace(compared=lambda *_: "", write=write))
+    view.recorder, view.reference = cast(Any, SimpleNamespace(running=None)), cast(Any, None)
+    view.state = view.document = view.panel = cast(Any, None)
+    view.effects, view.inputs, view.dirty, view.is_refining = [], 3, 0, True
+    busy = ["extracting 7%"]
+    view.told = view.now()
+    for waited in (1.0, 0.0, 2.0):
+        view.told -= waited
+        view.begun = view.now() - 4.2
+        assert not view._is_interrupted(3)
+    assert written == ["extracting 7%", "refining, 4 s"]
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators give back by themselves, or never")
