@@ -111,7 +111,7 @@ class HiddenInterior:
             depth = depths_from_outside([np.take(table, interval) for table in tables])
         del interval
         cells = (least_around(depth, reach) == FULL)[1:-1, 1:-1, 1:-1]
-        count = np.count_nonzero(cells) * side**3
+        count = int(np.count_nonzero(cells)) * side**3
         if count < LEAST:
             return None
         if not volume.masks:
