@@ -189,10 +189,15 @@ def log_ticks(low: float, high: float, most: int) -> list[float]:
     return []
 
 
-# the bar's height as a fraction of the image's; widths of the bar and the curve in font heights
+# the bar's height as a fraction of the image's shorter side; widths of the bar and the curve in font heights
 TALL, WIDE, CURVE = 0.45, 0.9, 1.6
 MOST_TICKS = 6
-MOST_LETTERS = 20
+# letters of a title, and those where there is less room
+MOST_LETTERS, FEW_LETTERS = 20, 10
+# radius of what a volume fills in its first view, as a share of the image's shorter side
+FILLED = 0.43
+# height of the axes at the lower left, in font heights
+AXES = 7.2
 STATISTICS = {"mip": "maximum", "minip": "minimum", "mean": "mean"}
 
 
@@ -256,15 +261,36 @@ def of_sums(pixels: np.ndarray, scale: float, rows: int) -> ColorBar | None:
 
 
 def draw_color_bar(layer: Canvas, view: AnnotationView) -> None:
-    """Draws the colour bars at the right, or at the left where the image is empty only there."""
+    """Draws the colour bars at the right, or at the left where the image is empty only there; with a shorter title, and
+    without the curve of opacity, where there is less room.
+    """
     for bar in _bars(layer, view):
-        part = _draw_bar(bar, layer.em, layer.ink, bool(view.text))
-        (wide, tall), pad = part.size, layer.pad
-        top = (layer.size[1] - tall) // 2
-        places = [Rect(left, top, left + wide, top + tall) for left in (layer.size[0] - pad - wide, pad)]
-        place = layer.reserve(places, "colour bar")
+        parts = dict[Rect, Canvas]()
+        for most, has_curve in ((MOST_LETTERS, True), (FEW_LETTERS, True), (FEW_LETTERS, bool(view.text))):
+            part = _draw_bar(bar, layer.em, layer.ink, bool(view.text), most, has_curve)
+            (wide, tall), right = part.size, layer.size[0] - layer.pad - part.size[0]
+            top = (layer.size[1] - len(bar.colors)) // 2 - layer.text_size("")[1] - layer.em // 2
+            over_axes = layer.size[1] - 2 * layer.pad - AXES * layer.em - tall
+            for left, high in (
+                (right, top),
+                (layer.pad, max(min(top, round(over_axes)), layer.pad)),
+                (right, layer.pad),
+            ):
+                parts.setdefault(Rect(left, high, left + wide, high + tall), part)
+        place = layer.reserve(sorted(parts, key=lambda rect: _covers(layer, rect)), "colour bar")
         if place is not None:
-            layer.add(part, (place.left, place.top))
+            layer.add(parts[place], (place.left, place.top))
+
+
+def _covers(layer: Canvas, rect: Rect) -> float:
+    """How much of the image a rectangle covers: non-empty pixels; without an image, the depth in pixels to which it
+    lies in the disc that a whole volume fills.
+    """
+    if layer.picture is not None:
+        return layer.covered(rect)
+    x, y = (size / 2 for size in layer.size)
+    near = max(rect.left - x, x - rect.right, 0), max(rect.top - y, y - rect.bottom, 0)
+    return max(FILLED * min(layer.size) - math.hypot(*near), 0.0)
 
 
 def check_color_bar(text: str) -> None:
@@ -275,7 +301,7 @@ def check_color_bar(text: str) -> None:
 
 def _bars(layer: Canvas, view: AnnotationView) -> list[ColorBar]:
     """Colour bars of the volume and of meshes; adds a note if the volume has none."""
-    subject, rows = view.subject, round(TALL * layer.size[1])
+    subject, rows = view.subject, round(TALL * min(layer.size))
     of_meshes = [of_scale(scale, rows) for scale in subject.scales]
     if of_meshes and (subject.empty or view.transfer.is_clear):
         return of_meshes
@@ -347,21 +373,24 @@ ROWS = (
 )
 
 
-@lru_cache(maxsize=4)
-def _draw_bar(bar: ColorBar, em: int, ink: Color, has_opacity: bool = False) -> Canvas:
-    """Bar with numbers and curve; a row of the bar is a pixel high. has_opacity: whether the curve's end is written."""
+@lru_cache(maxsize=8)
+def _draw_bar(bar: ColorBar, em: int, ink: Color, has_opacity: bool, most: int, has_curve: bool) -> Canvas:
+    """Bar with numbers and curve; a row of the bar is a pixel high. has_opacity: whether the curve's end is written.
+    most: letters of the title. has_curve: of opacity, if the bar has one.
+    """
     sizes = Canvas(np.zeros((1, 1, 4), np.float32), ink, font=em)
-    rows, edge = len(bar.colors), sizes.edge
-    label = shorten_label(bar.label)
+    rows, edge, opacity = len(bar.colors), sizes.edge, bar.opacity if has_curve else None
+    label = shorten_label(bar.label, most)
     marks = bar.marks()
     texts = [f"{mark:g}" for mark in marks]
     line = sizes.text_size(label)[1]
     beside = max((sizes.text_size(text)[0] for text in texts), default=0) + em // 2
-    wide, curve = round(WIDE * em), round(CURVE * em) if bar.opacity is not None else 0
-    below = "" if bar.opacity is None or not has_opacity else f"opacity to {bar.opacity.max():.3g}"
+    wide, curve = round(WIDE * em), round(CURVE * em) if opacity is not None else 0
+    below = "" if opacity is None or not has_opacity else f"opacity to {opacity.max():.3g}"
     right = max(sizes.text_size(label)[0], sizes.text_size(below)[0], beside + wide + curve + 2 * edge)
     top, left = line + em // 2, right - beside - wide
-    layer = Canvas(np.zeros((top + rows + em // 2 + line, right, 4), np.float32), ink, font=em, marks=[])
+    tall = top + rows + (em // 2 + line if below else line // 2 + edge)
+    layer = Canvas(np.zeros((tall, right, 4), np.float32), ink, font=em, marks=[])
     a, b, c, d = left - 0.5, top - 0.5, left + wide + 0.5, top + rows + 0.5
     layer.lines([[(a, b), (c, b), (c, d), (a, d), (a, b)]])
     layer.clear(Rect(left, top, left + wide, top + rows))
@@ -373,9 +402,9 @@ def _draw_bar(bar: ColorBar, em: int, ink: Color, has_opacity: bool = False) -> 
         y = top + bar.down(mark) * rows
         layer.lines([[(left + wide, y), (left + wide + em / 3, y)]])
         layer.text(text, left + wide + em // 2, round(y) - line // 2)
-    if bar.opacity is not None:
-        highest = float(bar.opacity.max()) or 1.0
-        x = left - 2 * edge - bar.opacity / highest * (curve - 4 * edge)
+    if opacity is not None:
+        highest = float(opacity.max()) or 1.0
+        x = left - 2 * edge - opacity / highest * (curve - 4 * edge)
         layer.lines([list(np.stack([x, top + np.arange(rows) + 0.5], axis=-1))])
         layer.text(below, right - layer.text_size(below)[0], top + rows + em // 2)
     return layer

@@ -126,20 +126,20 @@ class Canvas:
         inside = rect.left >= 0 and rect.top >= 0 and rect.right <= width and rect.bottom <= height
         return inside and not any(rect.meets(other) for other in self.taken)
 
-    def empty(self, rect: Rect) -> bool:
-        """Whether the image is empty there; True without an image."""
+    def covered(self, rect: Rect) -> int:
+        """Number of pixels of the image there that are not empty; 0 without an image."""
         if self.picture is None:
-            return True
+            return 0
         part = self.picture[max(rect.top, 0) : rect.bottom, max(rect.left, 0) : rect.right]
         if self.ground is not None:
             over = part[..., :3] + (1 - part[..., 3:]) * np.asarray(self.ground, np.float32)
-            return bool((np.abs(over - np.asarray(self.ground, np.float32)) <= EMPTY).all())
-        return bool((part[..., 3] <= EMPTY).all())
+            return int((np.abs(over - np.asarray(self.ground, np.float32)) > EMPTY).any(axis=-1).sum())
+        return int((part[..., 3] > EMPTY).sum())
 
     def reserve(self, places: Sequence[Rect], name: str) -> Rect | None:
         """Reserves a free rectangle, preferably where the image is empty; None, with a note, if none is free."""
         free = [place for place in places if self.free(place)]
-        reserved = next((place for place in free if self.empty(place)), free[0] if free else None)
+        reserved = next((place for place in free if not self.covered(place)), free[0] if free else None)
         if reserved is not None:
             self.taken.append(reserved)
         else:

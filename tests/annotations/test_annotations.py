@@ -301,11 +301,30 @@ def test_live_overlays_are_what_pictures_have() -> None:
         names = [name for name in names if name != "scale"]
         live = overlay.draw(subject, TRANSFER, camera, names)
         empty = sg.Image(np.zeros((260, 300, 4), np.float32), {"blend": "composite"})
-        right = sg.annotated(empty, OBLONG, TRANSFER, camera, names, (0, 0, 0)).pixels
-        assert list(overlay.notes) == sg.annotated(empty, OBLONG, TRANSFER, camera, names).info["not_annotated"]
+        found = sg.annotated(empty, OBLONG, TRANSFER, camera, names, (0, 0, 0), steady=True)
+        right = found.pixels
+        assert list(overlay.notes) == found.info["not_annotated"]
         assert np.abs(live[..., 3] / 255 - right[..., 3]).max() <= 0.5 / 255 + 1e-6
         linear = np.where(live <= 10, live / 3294.6, ((live / 255 + 0.055) / 1.055) ** 2.4)[..., :3]
         assert np.abs(linear * right[..., 3:] - right[..., :3]).max() < 0.006
+
+
+@pytest.mark.parametrize("size", [(320, 240), (640, 480), (310, 480), (950, 800)])
+def test_a_color_bar_stands_beside_the_subject(size: tuple[int, int]) -> None:
+    """In a picture of a disc, and in a view, which knows how much of the room a volume fills; the axes have theirs."""
+    y, x = np.indices(size[::-1]) - np.reshape(size[::-1], (2, 1, 1)) / 2 + 0.5
+    pixels = np.zeros((*size[::-1], 4), np.float32)
+    pixels[np.hypot(x, y) < 0.36 * min(size)] = 0.5
+    subject = replace(AnnotatedSubject.of(OBLONG), value_name="a quantity of a long name")
+    camera = sg.Camera.orbit(OBLONG, size=size)
+    image = sg.annotated(sg.Image(pixels, {}), subject, TRANSFER, camera, ["colorbar", "axes"], (0, 0, 0))
+    assert image.info["not_annotated"] == []
+    bar = sg.annotated(sg.Image(pixels, {}), subject, TRANSFER, camera, ["colorbar"], (0, 0, 0)).pixels
+    live = LiveOverlay().draw(subject, TRANSFER, camera, ["colorbar"])[..., 3]
+    for drawn in ((bar != pixels).any(axis=-1), live > 0):
+        assert drawn.any() and not (drawn & (pixels[..., 3] > 0)).any()
+        columns, rows = np.flatnonzero(drawn.any(axis=0)), np.flatnonzero(drawn.any(axis=1))
+        assert columns[0] > 4 and columns[-1] < size[0] - 5 and rows[0] > 4 and rows[-1] < size[1] - 5
 
 
 @pytest.mark.parametrize(("spacing", "label"), [((1, 1, 1), "5 voxels"), ((2, 2, 2), "10 units")])
