@@ -502,6 +502,11 @@ def _slice_colors(state: State, document: Document) -> State:
     return replace(state, slices=replace(state.slices, colored=colored, shown=True), message=message)
 
 
+def _crosshair(state: State, document: Document) -> State:
+    slices = replace(state.slices, linked=not (state.slices.shown and state.slices.linked), shown=True)
+    return replace(state, slices=slices, message=f"linked crosshair {'on' if slices.linked else 'off'}")
+
+
 def _slices_in_space(state: State, document: Document) -> State:
     if state.slice_planes:
         return replace(state, slices=replace(state.slices, in_space=False), slice_planes=())
@@ -592,7 +597,7 @@ def _close(state: State, document: Document) -> State | tuple[State, Effect]:
 
 VIEW_KEYS = {"front": "1", "back": "ctrl+1", "right": "3", "left": "ctrl+3", "top": "7", "bottom": "ctrl+7"}
 LASSO, OVER = "lasso: remove, or keep", "axes and scale, colour bar, box"
-SLICE_LOOKS, SLICE_TURNS = "slice large; in colours; as planes", "turn slices about x, y, z; shift: back"
+SLICE_LOOKS, SLICE_TURNS = "slice large; in colours; crosshair; as planes", "turn slices about x, y, z; shift: back"
 FRONTS, BACKS = "view from the front, right, top", "view from the back, left, bottom"
 ROTATE, ROLLS, KEEPS = ("turn the view", "Rotate"), "roll to the left, right", "keep more, fewer voxels"
 # what the message of the command adds
@@ -760,6 +765,7 @@ MENUS: dict[str, tuple[tuple[Command, ...], ...]] = {
             Command("slices", "slices: the wheel and clicks move them", ("z",), _slices),
             Command("large-slice", "one large slice, the next one, or all three", ("h",), _large_slice, SLICE_LOOKS),
             Command("slice-colors", "slices in grey or in colours", ("shift+z",), _slice_colors, SLICE_LOOKS),
+            Command("linked-crosshair", "linked crosshair in all slices", ("shift+y",), _crosshair, SLICE_LOOKS),
             Command("slices-in-space", "slices as planes in the picture", ("alt+z",), _slices_in_space, SLICE_LOOKS),
             *(
                 Command(
@@ -858,6 +864,7 @@ WORDS = {
     "measure": "ruler length line markups caliper",
     "angle": "protractor markups",
     "slices": "mpr orthogonal views axial coronal sagittal four-up crosshair 2d",
+    "linked-crosshair": "cursor link position synchronize locator",
     "large-slice": "maximize 2d axial coronal sagittal single view layout",
     "slices-in-space": "reslice orthoplanes 3d",
     "play": "animation frames time 4d",
@@ -905,6 +912,7 @@ TICKS: dict[str, Callable[[State], bool]] = {
     "angle": lambda state: state.ruler.active and state.ruler.angle,
     "slices": lambda state: state.slices.shown,
     "slice-colors": lambda state: state.slices.colored,
+    "linked-crosshair": lambda state: state.slices.shown and state.slices.linked,
     "slices-in-space": lambda state: bool(state.slice_planes),
     "play": lambda state: state.playing,
     "preview": lambda state: state.preview is not None,

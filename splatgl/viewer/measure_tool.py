@@ -44,12 +44,13 @@ def _picked(scene: Scene, state: State, pixel: tuple[int, int]) -> Picked | None
 
 class Readout:
     """Value, position and label under the cursor, which a thread picks: one pixel at a time, the latest one next.
-    lines: the latest text, none where nothing is seen.
+    lines, point: the latest text and the world point [3] that it is of, none where nothing is seen.
     """
 
     def __init__(self, jobs: Jobs) -> None:
         self.jobs = jobs
         self.lines: tuple[str, ...] = ()
+        self.point: np.ndarray | None = None
         # what the lines are of, or will be
         self.key: tuple[object, ...] = ()
 
@@ -58,7 +59,7 @@ class Readout:
         pixel = None if cursor is None else (int(np.floor(cursor[0])), int(np.floor(cursor[1])))
         size = state.pose.camera.size
         if pixel is None or not (0 <= pixel[0] < size[0] and 0 <= pixel[1] < size[1]) or 1 not in document.extracted:
-            self.key, self.lines = (), ()
+            self.key, self.lines, self.point = (), (), None
             return
         key = pixel, state.pose, state.settings, document
         if key == self.key or self.jobs.busy:
@@ -75,6 +76,7 @@ class Readout:
             key, found = done.value
             if key == self.key:
                 self.lines = () if found is None else describe_pick(found, document)
+                self.point = None if found is None else np.array(found.place)
         return bool(news)
 
 

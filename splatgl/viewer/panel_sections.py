@@ -319,6 +319,8 @@ def draw_slices(state: State, document: Document, widgets: CommandWidgets) -> St
     state = widgets.checkbox("slice-colors", "colours of values", state.slices.colored, state, document)
     imgui.same_line()
     state = widgets.checkbox("slices-in-space", "in the picture", bool(state.slice_planes), state, document)
+    slices = state.slices
+    state = widgets.checkbox("linked-crosshair", "linked crosshair", slices.shown and slices.linked, state, document)
     slices, volume = state.slices, document.volume
     if slices.shown:
         turns = [f"turn-slices-{axis}" for axis in "xyz"]

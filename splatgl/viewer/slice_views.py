@@ -32,7 +32,7 @@ from splatgl.viewer.slice_planes import (
     with_turn,
 )
 from splatgl.viewer.state import Slices
-from splatgl.viewer.trackball import Mouse, Place, Pointer, Tool, Viewport, project_segment
+from splatgl.viewer.trackball import Mouse, Place, Pointer, Tool, Viewport, project, project_segment
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document
@@ -158,6 +158,9 @@ LONGEST = 20.0
 # pixels at a content scale of 1: of lines, between labels and edges, of the dots that turn slices, around these, and of
 # a letter
 LINE, GAP, DOT, NEAR, LETTER = 1.0, 2.0, 8.0, 9.0, 7.0
+# from where to where the lines of a crosshair go, and their sRGB
+CROSSHAIR = 4.0, 12.0
+CURSOR: LineColor = (1.0, 0.85, 0.3, 1.0)
 # distance of these dots from the common point, as a share of the shorter side of a pane
 REACH = 0.3
 
@@ -249,9 +252,16 @@ class SliceTool(Tool):
             self.waiting.clear()
         return notes if results else None
 
-    def marks(self, state: State, document: Document, view: Viewport, cursor: Place | None = None) -> ScreenMarks:
+    def marks(
+        self,
+        state: State,
+        document: Document,
+        view: Viewport,
+        cursor: Place | None = None,
+        seen: np.ndarray | None = None,
+    ) -> ScreenMarks:
         """The slices with their lines and letters, and the values at the cursor, or at their common point; nothing
-        while they are hidden.
+        while they are hidden. seen: world point [3] under the cursor in the picture, for the linked crosshair.
         """
         visible = self.panes(state, document, view)
         if not visible:
@@ -273,6 +283,8 @@ class SliceTool(Tool):
             strokes += _cross(pane, state.slices, volume, scale)
         pointed = next((pane for pane in visible if cursor is not None and pane.holds(cursor)), None)
         point = None if pointed is None or cursor is None else pointed.point(cursor)
+        if state.slices.linked:
+            strokes += _crosshairs(seen if point is None else point, visible, pointed, state.pose.camera, scale)
         values = slice_values(state, document, int((view.size[0] - left) / LETTER / scale), point)
         if point is not None and values:
             values = (*values, f"at {', '.join(f'{each:.4g}' for each in point)} {volume.unit}".rstrip())
@@ -385,6 +397,24 @@ def _cross(pane: Pane, slices: Slices, volume: Volume, scale: float) -> list[Str
             strokes.append(Stroke(tuple(start), tuple(stop), LINES[other], thin, 0.0))
         strokes += [Stroke(dot, dot, LINES[other], DOT * scale, scale) for dot in (first, second)]
     return strokes
+
+
+def _crosshairs(
+    point: np.ndarray | None, visible: Sequence[Pane], pointed: Pane | None, camera: Camera, scale: float
+) -> list[Stroke]:
+    """Marks of a world point [3] in all slices but the one that the cursor is in, and in the picture."""
+    if point is None:
+        return []
+    places = [(pane.pixel(point), pane.room) for pane in visible if pane is not pointed]
+    if pointed is not None:
+        places.append((tuple(project(camera, point[None])[0].tolist()), (0.0, 0.0, *map(float, camera.size))))
+    inner, outer = (reach * scale for reach in CROSSHAIR)
+    return [
+        Stroke((x + a * inner, y + b * inner), (x + a * outer, y + b * outer), CURSOR, 2 * LINE * scale, scale)
+        for (x, y), (left, top, right, bottom) in places
+        if left < x < right and top < y < bottom
+        for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
+    ]
 
 
 def _long(first: Place, second: Place, room: Box) -> np.ndarray:

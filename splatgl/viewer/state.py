@@ -221,7 +221,7 @@ class Slices:
     """Three slices next to the picture. colored: by the transfer function, else grey by its window. place: the point
     that all three contain, as shares of the volume's box along x, y and z. turn: rotation by which they lie oblique.
     in_space: whether planes in the picture follow them. large: axis of the grid of the only one that is shown, as large
-    as the window permits.
+    as the window permits. linked: whether a crosshair marks what is under the cursor in the others and in the picture.
     """
 
     shown: bool = False
@@ -230,6 +230,7 @@ class Slices:
     turn: Turn = STRAIGHT
     in_space: bool = False
     large: int | None = None
+    linked: bool = True
 
     def index(self, volume: Volume) -> tuple[int, int, int]:
         """The voxel (x, y, z) that all three contain."""
@@ -255,6 +256,8 @@ class Slices:
         return self.at(index.tolist(), volume) if self.turn == STRAIGHT else replace(self, place=shares(index, volume))
 
 
+# fields of slices that do not depend on the volume
+SLICE_LOOKS = ("shown", "colored", "linked")
 # the annotation of distances and angles
 MEASURES = "measures"
 COMPARE = ("off", "split", "difference")
@@ -400,7 +403,7 @@ class State:
         """The state of another document with the display options of this one."""
         window = ("hud", "help", "panel", "ground", "fullscreen", "probe", "theme", "pinned")
         kept = ("pace", "repeats", "turning", "blur", "turntable", *window)
-        slices = replace(other.slices, shown=self.slices.shown, colored=self.slices.colored)
+        slices = replace(other.slices, **{name: getattr(self.slices, name) for name in SLICE_LOOKS})
         pose = other.pose.resized(self.pose.camera.size)
         return replace(other, pose=pose, slices=slices, **{name: getattr(self, name) for name in kept})
 
@@ -472,7 +475,7 @@ class History:
     def _at(self, step: State, state: State, message: str) -> State:
         kept = {name: getattr(state, name) for name in PASSING}
         if step.slice_planes != state.slice_planes or step.slices.turn != state.slices.turn:
-            looks = {name: getattr(state.slices, name) for name in ("shown", "colored", "large")}
+            looks = {name: getattr(state.slices, name) for name in (*SLICE_LOOKS, "large")}
             kept["slices"] = replace(step.slices, **looks)
         shown = replace(step, **{**kept, "message": message, "pose": step.pose.resized(state.pose.camera.size)})
         self.now = _as_step(shown)

@@ -317,7 +317,7 @@ class Viewer:
         is_whole = frame is not None and frame.full and self.refiner.drawn == self.wanted()
         is_shown = is_whole and self.state.hud != "off" and not (covered or self.state.help)
         self.readout.look(self.state, self.document, cursor if is_shown else None)
-        if self.state.probe or (self.state.slices.shown and cursor[0] >= self.shown_size[0]):
+        if self.state.probe or self.state.slices.shown:
             self.refresh()
 
     def _linked(self, event: MouseEvent, pointer: Pointer) -> Pointer:
@@ -606,7 +606,7 @@ class Viewer:
     def _marks(self) -> ScreenMarks:
         covered = self.panel is not None and self.panel.touched
         cursor = None if covered or self.input.is_dragging else self.input.cursor
-        slices = self.slices.marks(self.state, self.document, self.view, cursor)
+        slices = self.slices.marks(self.state, self.document, self.view, cursor, cursor and self.readout.point)
         # nothing lies over the help
         if self.document.is_loading or self.painter.frame is None or self.state.help:
             return slices

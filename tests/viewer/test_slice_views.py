@@ -20,9 +20,9 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
 from splatgl.viewer.saving import append_slices
 from splatgl.viewer.slice_planes import layer_painter
-from splatgl.viewer.slice_views import Pane, SliceTool, clip_strokes, column_width, panes, slice_values
+from splatgl.viewer.slice_views import CURSOR, Pane, SliceTool, clip_strokes, column_width, panes, slice_values
 from splatgl.viewer.state import Slices, State
-from splatgl.viewer.trackball import Pointer, Viewport
+from splatgl.viewer.trackball import Place, Pointer, Viewport, project
 from tests.helpers.blobs import blob
 from tests.helpers.commands import acted
 from tests.helpers.window import MISSING, Window, resized
@@ -265,6 +265,27 @@ def test_one_slice_is_large(tmp_path: Path) -> None:
         state = acted(state, "large-slice", document)
         axes.append(state.slices.large)
     assert set(axes) == {None, 0, 1, 2}
+
+
+def test_a_linked_crosshair_marks_the_cursor_in_the_others(tmp_path: Path) -> None:
+    """And in the picture; what is seen in the picture is marked in all three, unless it is turned off."""
+    np.save(tmp_path / "v.npy", np.ones((10, 12, 14), np.float32))
+    document = Document.open(SceneFile(str(tmp_path / "v.npy")))
+    state, view, tool = State.of(document, (400, 300)), Viewport((400, 300)), SliceTool(lambda: None)
+    state = acted(state, "slices", document)
+
+    def marked(state: State, cursor: Place | None, seen: np.ndarray | None = None) -> list[Place]:
+        """The centres of crosshairs, of whose lines the cursor's colour is."""
+        strokes = [each for each in tool.marks(state, document, view, cursor, seen).strokes if each.color == CURSOR]
+        ends = np.array([stroke.start for stroke in strokes]).reshape(-1, 4, 2)
+        return [tuple(place) for place in ends.mean(axis=1).tolist()]
+
+    here, *others = tool.panes(state, document, view)
+    point = here.point(middle := ((here.box[0] + here.box[2]) / 2 + 7, (here.box[1] + here.box[3]) / 2 - 5))
+    seen = project(state.pose.camera, point[None])[0]
+    assert np.allclose(marked(state, middle), [*(pane.pixel(point) for pane in others), seen])
+    assert np.allclose(marked(state, None, point), [pane.pixel(point) for pane in (here, *others)])
+    assert marked(state, None) == [] == marked(acted(state, "linked-crosshair", document), middle, point)
 
 
 def slice_colors_at(state: State, document: Document, index: tuple[int, int, int]) -> list[int]:

@@ -183,6 +183,7 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
     "slices": lambda before, after: after["slices"]["shown"] and after["size"][0] < before["size"][0],
     "slice-colors": lambda before, after: after["slices"]["colored"] and after["slices"]["shown"],
     "large-slice": lambda before, after: after["slices"]["large"] is not None and after["slices"]["shown"],
+    "linked-crosshair": lambda before, after: after["slices"]["linked"] and after["slices"]["shown"],
     "slices-in-space": lambda before, after: after["slices"]["in_space"],
     **{
         f"turn-slices-{way}{axis}": lambda before, after: after["slices"]["turn"] != before["slices"]["turn"]
