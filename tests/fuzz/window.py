@@ -35,7 +35,8 @@ LETTERS = "abcdefghijklmnoprstuvwxyz0123456789"
 NAMED = (
     "space Tab Escape F1 F6 Home End Left Right Up Down Prior Next Return bracketleft bracketright comma period less"
 )
-KEYS = (*LETTERS, *NAMED.split(), "greater", "question", "plus", "minus", "ctrl+z", "ctrl+shift+z", "shift+s", "ctrl+1")
+HELD = "ctrl+z ctrl+shift+z ctrl+o ctrl+s ctrl+p ctrl+d ctrl+x ctrl+1 shift+s shift+y"
+KEYS = (*LETTERS, *NAMED.split(), "greater", "question", "plus", "minus", *HELD.split())
 # inputs after which memory is expected to be flat, as the renderer holds all the programs by then that it holds at
 # most, some 100 MB with llvmpipe; by how much it may grow from there, and how often it is measured at rest
 WARM, GROWTH, RESTS = 600, 1.05, 40
