@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -29,12 +29,17 @@ if TYPE_CHECKING:
 TOO_MANY_PLANES = f"there are {MOST_PLANES} planes already: remove one"
 
 
+def leaves_nothing(planes: Sequence[Plane], document: Document) -> bool:
+    """Whether planes clip the whole first volume."""
+    return bool(planes) and not len(clip_corners(planes, document.volume.corners))
+
+
 def set_cuts(state: State, document: Document, cuts: ClipState) -> State:
     """The state with other cuts; cuts that would leave nothing only set a message."""
     if cuts == state.cuts:
         return state
     planes = replace(cuts, active=True).clip(document.volume)
-    if planes and not len(clip_corners(planes, document.volume.corners)):
+    if leaves_nothing(planes, document):
         return replace(state, message="this would cut everything off")
     clip = planes if cuts.active else ()
     # a scene's own planes stay as they are until they are changed

@@ -32,7 +32,16 @@ def under_cursor(state: State, document: Document, place: Place) -> Picked | Non
     width, height = state.pose.camera.size
     if document.is_loading or not (0 <= pixel[0] < width and 0 <= pixel[1] < height):
         return None
-    return _picked(document.scene_at(1, state.settings.clip), state, pixel)
+    scene = _scene(document, state)
+    return None if scene is None else _picked(scene, state, pixel)
+
+
+def _scene(document: Document, state: State) -> Scene | None:
+    """The scene that is picked in; None if planes, as of the file before, leave nothing of it."""
+    try:
+        return document.scene_at(1, state.settings.clip)
+    except InputError:
+        return None
 
 
 def _picked(scene: Scene, state: State, pixel: tuple[int, int]) -> Picked | None:
@@ -64,8 +73,9 @@ class Readout:
         key = pixel, state.pose, state.settings, document
         if key == self.key or self.jobs.busy:
             return
-        self.key, scene = key, document.scene_at(1, state.settings.clip)
-        self.jobs.submit(JobKind.PICK, "picking", lambda: (key, _picked(scene, state, pixel)))
+        self.key, scene = key, _scene(document, state)
+        if scene is not None:
+            self.jobs.submit(JobKind.PICK, "picking", lambda: (key, _picked(scene, state, pixel)))
 
     def collect(self, document: Document) -> bool:
         """Takes what was picked; whether there was anything."""

@@ -38,6 +38,7 @@ from splatgl.viewer.adaptive_quality import (
     Wanted,
     return_large_blocks,
 )
+from splatgl.viewer.clip_tool import leaves_nothing, set_cuts
 from splatgl.viewer.commands import (
     AS_SHOWN,
     COMMANDS,
@@ -82,7 +83,7 @@ from splatgl.viewer.saving import (
     try_save,
 )
 from splatgl.viewer.slice_views import SliceTool, column_width
-from splatgl.viewer.state import THEMES, History, State, changed_fields, played, stated_transfers
+from splatgl.viewer.state import THEMES, ClipState, History, State, changed_fields, played, stated_transfers
 from splatgl.viewer.trackball import MouseEvent, Pointer, Viewport, docked_width, fits_panel, up_direction
 from splatgl.viewer.window import Window
 
@@ -101,6 +102,7 @@ NEEDS_FILE = {*Copy, *WindowRequest} - {
 # topics of messages, which are cleared once the topic is over
 OPENING, READING, EXTRACTING, PICTURE, COUNT = "opening", "reading", "extracting", "picture", "count"
 TOPICS = {JobKind.OPEN: OPENING, JobKind.EXTRACT: EXTRACTING}
+CUTS_ENDED = "the cuts are removed: they would leave nothing of this volume"
 UNSAVED = "edits are not saved: shift+s saves the scene; quit again to leave without"
 CHANGED = "the scene file has changed: ctrl+z brings the edits back"
 RECORDING = "a movie is recorded; quit again to cancel it"
@@ -1044,6 +1046,9 @@ class Viewer:
         self.files.times, self.files.time = opened.times, 0
         changes: dict[str, Any] = {"times": len(opened.times), "file_options": opened.options, "message": opened.note}
         self.state = replace(self.state.opened(document), **changes)
+        if leaves_nothing(self.state.settings.clip, document):
+            # planes of the file before
+            self.state = set_cuts(replace(self.state, message=CUTS_ENDED), document, ClipState())
         self.home, self.bases = self.state.pose, stated_transfers(document.styles)
         if opened.is_option and np.array_equal(document.volume.corners, self.document.volume.corners):
             self.state = replace(self.state, pose=before)

@@ -155,7 +155,7 @@ class Session:
         subprocess.run(command, env=self.environment, timeout=HANGS, check=False)
         end, since = time.monotonic() + HANGS, time.monotonic()
         # the picture before may be refined, too; what is given up is freed at rest
-        while time.monotonic() - since < STILL:
+        while time.monotonic() - since < STILL and self.window.poll() is None:
             time.sleep(0.2)
             if "refined" not in self.hands("getwindowname", self.identity):
                 since = time.monotonic()
