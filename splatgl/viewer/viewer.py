@@ -263,6 +263,11 @@ class Viewer:
         rejected = self.coming is None and self.wanted() == self.refiner.refused
         return OTHER if rejected or (self.coming and self.extractor.has_failed(self.coming)) else None
 
+    @property
+    def is_closing(self) -> bool:
+        """Whether the window was asked to close, so that nothing more is drawn."""
+        return self.window.closing or WindowRequest.QUIT in self.effects
+
     def wanted(self) -> Wanted:
         """Key of a frame: all its inputs, as values or immutable objects."""
         state = self.state
@@ -513,7 +518,7 @@ class Viewer:
         if self.now() - self.polled > POLLED:
             self.window.wait(0.0)
             self.polled = self.now()
-        if self.window.closing or WindowRequest.QUIT in self.effects:
+        if self.is_closing:
             raise Interrupted
 
     def _is_interrupted(self, inputs: int, is_full: bool = True) -> bool:
@@ -528,8 +533,7 @@ class Viewer:
         for _ in range(MOST_SHOWN):
             if self.dirty and self.panel is not None and (self.inputs == inputs if is_full else self.panel.touched):
                 self._redisplay()
-        is_closing = self.window.closing or WindowRequest.QUIT in self.effects
-        return is_closing or (is_full and self.inputs != inputs)
+        return self.is_closing or (is_full and self.inputs != inputs)
 
     def _compare(self) -> None:
         """Requests the reference of a full-quality frame once its view is at rest."""
@@ -642,6 +646,8 @@ class Viewer:
             return
         self._fill()
         level = self._draw()
+        if self.is_closing:
+            return
         if level is not None:
             self._look_at_cursor()
         self._compare()
@@ -649,7 +655,7 @@ class Viewer:
         if level is None and self.panel is not None and not self.dirty:
             gallery = self.panel.panel.gallery
             end = self.now() + WAITED
-            while gallery.render_next(self.renderer, self.state.pose, self.screen.ctx):
+            while gallery.render_next(self.renderer, self.state.pose, self.screen.ctx) and not self.is_closing:
                 self.refresh()
                 if self.now() > end:
                     break
@@ -677,7 +683,7 @@ class Viewer:
 
     def _seconds_until_due(self) -> float:
         """Seconds to wait for events; a held button defers the full-quality frame."""
-        if self.dirty or self.effects:
+        if self.dirty or self.effects or self.is_closing:
             return 0.0
         if self.state.gliding:
             return max(0.0, self.ticked + STEP - self.now())

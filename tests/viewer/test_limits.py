@@ -26,7 +26,7 @@ from splatgl.splat.splats import in_parts
 from splatgl.transfer.transfer_nodes import with_color_points
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, STRIDES, IdleTrim
-from splatgl.viewer.commands import Copy
+from splatgl.viewer.commands import Copy, WindowRequest
 from splatgl.viewer.document import Document
 from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.jobs import ExtractedPart, Extractor, FinishedJob, JobCancelled, JobKind, Jobs
@@ -346,6 +346,19 @@ def test_text_goes_on_while_a_picture_is_drawn(monkeypatch: pytest.MonkeyPatch) 
         view.begun = view.now() - 4.2
         assert not view._is_interrupted(3)
     assert written == ["extracting 7%", "refining, 4 s"]
+
+
+def test_a_window_that_closes_draws_nothing_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A picture that is given up for it is the last thing, and the next step does not wait."""
+    view = Viewer.__new__(Viewer)
+    view.window = cast(Any, SimpleNamespace(wait=lambda seconds: None, fill=print, closing=False, size=(8, 8)))
+    view.panel, view.effects, view.dirty, view.state = None, [], 0, cast(Any, SimpleNamespace(fullscreen=False))
+    done: list[str] = []
+    for name in ("collect", "_advance", "_fill", "perform", "_compare", "show"):
+        monkeypatch.setattr(Viewer, name, lambda self, name=name: done.append(name))
+    monkeypatch.setattr(Viewer, "_draw", lambda self: self.effects.append(WindowRequest.QUIT))
+    view.step(0.0)
+    assert done == ["collect", "_advance", "_fill", "perform", "_fill"] and view._seconds_until_due() == 0
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators give back by themselves, or never")

@@ -17,13 +17,15 @@ from splatgl.scene.meshes import MeshFile, read_meshes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES, Refiner
+from splatgl.viewer.clip_tool import set_cuts
 from splatgl.viewer.commands import LeaveDocument, Open, OpenOption, WindowRequest, ask_to_leave
 from splatgl.viewer.document import Document
 from splatgl.viewer.files import Recent, Watch
 from splatgl.viewer.jobs import Extractor, FinishedJob, JobKind, Jobs
 from splatgl.viewer.loading import AddedFiles, Files, Loaded, OpenedFile, open_document
-from splatgl.viewer.state import History, State, stated_transfers
-from splatgl.viewer.viewer import CHANGED, LEAVING, NO_FILE, Options, Viewer
+from splatgl.viewer.measure_tool import under_cursor
+from splatgl.viewer.state import ClipState, History, State, stated_transfers
+from splatgl.viewer.viewer import CHANGED, CUTS_ENDED, LEAVING, NO_FILE, Options, Viewer
 from tests.helpers.blobs import LONGEST, SIZE, blob
 
 
@@ -387,6 +389,18 @@ def test_without_the_panel_a_second_drop_leaves_edits(edited: WithoutWindow, fol
     assert edited.state.message == LEAVING and not edited.files.jobs.busy
     edited.drop([str(folder / "b.npy")])
     assert edited.files.opening == "b.npy"
+
+
+def test_planes_of_the_file_before_end_where_they_leave_nothing(edited: WithoutWindow, folder: Path) -> None:
+    """Nothing is picked in what they leave, which ends no window."""
+    plane = (0.0, 0.0, 1.0, 21.0)
+    edited.state = set_cuts(edited.state, edited.document, ClipState(planes=(plane,)))
+    assert edited.state.settings.clip == (plane,)
+    edited._replace(Open((str(folder / "b.npy"),)))
+    applied(edited)
+    assert edited.state.message == CUTS_ENDED and edited.state.settings.clip == () == edited.state.cuts.planes
+    clipped = replace(edited.state, settings=edited.state.settings.replace(clip=(plane,)))
+    assert under_cursor(clipped, edited.document, (60.0, 40.0)) is None
 
 
 def test_undo_shows_the_document_before_with_its_edits(edited: WithoutWindow, folder: Path) -> None:
