@@ -352,7 +352,8 @@ def test_a_window_that_closes_draws_nothing_more(monkeypatch: pytest.MonkeyPatch
     """A picture that is given up for it is the last thing, and the next step does not wait."""
     view = Viewer.__new__(Viewer)
     view.window = cast(Any, SimpleNamespace(wait=lambda seconds: None, fill=print, closing=False, size=(8, 8)))
-    view.panel, view.effects, view.dirty, view.state = None, [], 0, cast(Any, SimpleNamespace(fullscreen=False))
+    view.panel, view.effects, view.dirty, view.closed = None, [], 0, False
+    view.state = cast(Any, SimpleNamespace(fullscreen=False))
     done: list[str] = []
     for name in ("collect", "_advance", "_fill", "perform", "_compare", "show"):
         monkeypatch.setattr(Viewer, name, lambda self, name=name: done.append(name))
