@@ -787,10 +787,10 @@ MENUS: dict[str, tuple[tuple[Command, ...], ...]] = {
             Command("later", "the next time point", (">",), _time(1), "the time point before, after"),
         ),
         (
-            Command("keyframe", "add the view to the movie's keyframes", (), _keyframe),
-            Command("preview", "preview the movie, or stop", (), _preview),
             Command("record", "record the movie", (), _request(WindowRequest.RECORD)),
             Command("record-as", "record the movie as...", (), _request(WindowRequest.RECORD_AS)),
+            Command("keyframe", "add the view to the movie's keyframes", (), _keyframe),
+            Command("preview", "preview the movie, or stop", (), _preview),
             Command("cancel-recording", "cancel the recording", (), _request(WindowRequest.CANCEL_RECORDING)),
             Command("copy-movie", "copy the movie as a command", (), _request(WindowRequest.COPY_MOVIE)),
         ),

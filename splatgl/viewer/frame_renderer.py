@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from splatgl.annotations.bars import shorten_label
 from splatgl.annotations.text import Overlay, Path, Text, draw_overlay, text_box
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
@@ -220,6 +221,8 @@ class FrameRenderer:
         elif not (moving and self.words and now - self.written < CALM):
             lines = (hud.short_lines if state.hud == "short" else hud.full_lines)(state, document, self.frame, busy)
             most = _column(state.pose.camera.size, scale)
+            if state.hud == "short":
+                lines = shorten_label(lines[0], most), *lines[1:]
             self.words = tuple(part for line in lines if line for part in _wrap(line, most))
             self.written = now
             if not moving and state.hud == "short":

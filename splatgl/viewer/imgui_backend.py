@@ -243,8 +243,15 @@ USES: tuple[dict[float, tuple[str, ...]], ...] = (
     {1.0: ("text",), 0.5: ("text_disabled",)},
     {
         1.0: ("check_mark", "slider_grab_active", "input_text_cursor", "nav_cursor"),
-        0.8: ("slider_grab", "button_active", "header_active", "frame_bg_active", "scrollbar_grab_active"),
-        0.5: ("button_hovered", "text_selected_bg", "tab_hovered", "tab_selected", "scrollbar_grab_hovered"),
+        0.8: ("button_active", "header_active", "frame_bg_active", "scrollbar_grab_active"),
+        0.5: (
+            "slider_grab",
+            "button_hovered",
+            "text_selected_bg",
+            "tab_hovered",
+            "tab_selected",
+            "scrollbar_grab_hovered",
+        ),
     },
 )
 

@@ -137,9 +137,11 @@ def find_commands(text: str, commands: Iterable[Command]) -> list[Command]:
     for command in commands:
         title, words = _spelled(command.title), _spelled(f"{command.id} {command.words} {command.menu}")
         if all(word in title or word in words for word in typed.split()):
-            starts = [any(each.startswith(word) for each in title.split()) for word in typed.split()]
-            starts_other = [any(each.startswith(word) for each in words.split()) for word in typed.split()]
-            ranked.append(((not title.startswith(typed), not all(starts), not all(starts_other)), command))
+            starts, starts_other = (
+                all(any(each.startswith(word) for each in text.split()) for word in typed.split())
+                for text in (title, words)
+            )
+            ranked.append(((not title.startswith(typed), not starts, not (starts or starts_other)), command))
     return [command for _, command in sorted(ranked, key=lambda row: row[0])]
 
 
