@@ -244,14 +244,8 @@ USES: tuple[dict[float, tuple[str, ...]], ...] = (
     {
         1.0: ("check_mark", "slider_grab_active", "input_text_cursor", "nav_cursor"),
         0.8: ("button_active", "header_active", "frame_bg_active", "scrollbar_grab_active"),
-        0.5: (
-            "slider_grab",
-            "button_hovered",
-            "text_selected_bg",
-            "tab_hovered",
-            "tab_selected",
-            "scrollbar_grab_hovered",
-        ),
+        0.6: ("slider_grab",),
+        0.5: ("button_hovered", "text_selected_bg", "tab_hovered", "tab_selected", "scrollbar_grab_hovered"),
     },
 )
 
