@@ -407,7 +407,8 @@ def _crosshairs(
         return []
     places = [(pane.pixel(point), pane.room) for pane in visible if pane is not pointed]
     if pointed is not None:
-        places.append((tuple(project(camera, point[None])[0].tolist()), (0.0, 0.0, *map(float, camera.size))))
+        x, y = project(camera, point[None])[0].tolist()
+        places.append(((x, y), (0.0, 0.0, float(camera.size[0]), float(camera.size[1]))))
     inner, outer = (reach * scale for reach in CROSSHAIR)
     return [
         Stroke((x + a * inner, y + b * inner), (x + a * outer, y + b * outer), CURSOR, 2 * LINE * scale, scale)
