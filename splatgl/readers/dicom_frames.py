@@ -354,25 +354,26 @@ def check_header(header: DicomHeader) -> None:
         known = header.photometric in (*COLORS, *GREYS, PALETTE, "ARGB", "CMYK", "HSV")
         got = f"{header.samples} × {header.photometric if known else 'unknown'}"
         raise expected("pixels", "grey, RGB, YBR or palette pixels", got, "convert the file")
-    if header.allocated not in (8, 16, 32, 64) or (is_color(header) and header.allocated > 16):
-        raise expected("pixels", "8 to 32 bits each, colours 8 or 16", f"{header.allocated} bits", "convert the file")
+    if header.allocated not in ((8, 16) if is_color(header) else (1, 8, 16, 32, 64)):
+        this = "1 or 8 to 64 bits each, colours 8 or 16"
+        raise expected("pixels", this, f"{header.allocated} bits", "convert the file")
     if not 0 <= header.stored[0] <= header.allocated:
         raise expected("bits stored", f"at most {header.allocated}", header.stored[0], "the header is damaged")
-    there, needed = header.room, frame_bytes(header)
+    there, bits = header.room, frame_bits(header)
     if not uid.is_encapsulated:
-        require_bytes(needed * header.frames, there, "pixels")
+        require_bytes(-(-bits * header.frames // 8), there, "pixels")
         return
+    needed = bits // 8
     # a fragment takes 8 bytes at least
     if header.frames > there // 8 or needed > max(there * DEFLATE_RATIO, FREE_FRAME):
         got = f"{there} compressed bytes for {header.frames} × {columns} × {rows}"
         raise expected("pixels", "sizes that they can hold", got, "the file is cut short or its header is damaged")
 
 
-def frame_bytes(header: DicomHeader) -> int:
-    """Bytes of an uncompressed frame."""
-    rows, columns = header.size
-    pixels = rows * columns * header.samples * header.allocated // 8
-    return pixels * 2 // 3 if header.photometric == "YBR_FULL_422" and find_decoder(header.syntax).is_native else pixels
+def frame_bits(header: DicomHeader) -> int:
+    """Bits of an uncompressed frame."""
+    bits = math.prod(header.size) * header.samples * header.allocated
+    return bits * 2 // 3 if header.photometric == "YBR_FULL_422" and find_decoder(header.syntax).is_native else bits
 
 
 def find_decoder(syntax: str) -> Any:
@@ -414,7 +415,7 @@ def decode_frames(
         for number in numbers:
             with dicom_errors():
                 array = next(arrays)
-                color = _to_rgb(array, header, tags) if is_color(header) else None
+                color = to_rgb(array, header, tags) if is_color(header) else None
             if array.shape[:2] != header.size:
                 raise expected("pixels", f"{header.size}", array.shape[:2], "the file is damaged")
             if color is not None:
@@ -437,6 +438,15 @@ def _decode(file: LimitedFile, header: DicomHeader, numbers: Sequence[int], tags
     options: Any = as_pixel_options(tags, pixel_keyword=header.pixels, pixel_vr=wide, **plain)
     options.pop("extended_offsets", None)
     file.seek(header.offset)
+    if decoder.is_native and header.allocated == 1:
+        count = math.prod(header.size)
+        for number in numbers:
+            # pydicom's decoder loses the last byte of frames that begin late in their first
+            place, bit = divmod(number * count, 8)
+            file.seek(header.offset + place)
+            packed = np.frombuffer(file.read(-(-(bit + count) // 8)), np.uint8)
+            yield np.unpackbits(packed, bitorder="little")[bit : bit + count].reshape(header.size)
+        return
     if decoder.is_native:
         # one by one: `iter_array` takes the frames behind the first of YBR_FULL_422 for those of YBR_FULL
         for number in numbers:
@@ -471,11 +481,16 @@ def check_picture(stated: tuple[tuple[int, ...], int], rows: int, columns: int, 
         raise expected("compressed picture", this, got, "the file is damaged")
 
 
-def _to_rgb(array: np.ndarray, header: DicomHeader, tags: Any) -> np.ndarray:
+def to_rgb(array: np.ndarray, header: DicomHeader, tags: Any) -> np.ndarray:
     """RGB, uint8 [H, W, 3]."""
     if header.photometric == PALETTE:
         from pydicom.pixels import apply_color_lut
 
+        for name in ("Red", "Green", "Blue"):
+            table, (count, *_) = f"{name}PaletteColorLookupTableData", tags[f"{name}PaletteColorLookupTableDescriptor"]
+            if table in tags and len(tags[table].value) == count + 1:
+                # a byte that makes the length even counts for pydicom
+                tags[table].value = tags[table].value[:count]
         array = apply_color_lut(array, tags)[..., :3]
     if array.dtype.itemsize > 1:
         bits = array.dtype.itemsize * 8 if header.photometric == PALETTE else header.stored[0] or header.allocated

@@ -16,14 +16,14 @@ from splatgl.data.volume import Label, Volume
 from splatgl.errors import expected
 from splatgl.fileio import byte_count
 from splatgl.readers.channels import Channel, ChannelSet, hex_color
-from splatgl.readers.common import require_bytes
 from splatgl.readers.dicom_frames import (
+    PALETTE,
     DicomFrame,
     check_header,
     decode_frames,
-    find_decoder,
     list_frames,
     slice_normal,
+    to_rgb,
 )
 from splatgl.readers.dicom_headers import (
     DicomHeader,
@@ -68,7 +68,7 @@ def read(source: DicomSource, kind: str, options: LoadOptions) -> Volume:
         raise expected("array and series", "no value for segments", "one", "pick segments by --only-labels")
     head, tags = read_header(source)
     with dicom_errors():
-        table = _segment_labels(tags) if kind == "SEG" else _region_labels(tags)
+        table = _segment_labels(head, tags) if kind == "SEG" else _region_labels(tags)
         grid, masks, notes = (_frame_masks if kind == "SEG" else _contour_masks)(head, tags, table)
         layers, left = _pack_layers(grid, table, masks)
     # several layers become channels
@@ -126,8 +126,8 @@ def _pack_layers(
 # --- segmentations ----------------------------------------------------------------------------------------------------
 
 
-def _segment_labels(tags: Any) -> tuple[Label, ...]:
-    """Number, name and colour of each segment."""
+def _segment_labels(head: DicomHeader, tags: Any) -> tuple[Label, ...]:
+    """Number, name and colour of each segment, of the file's palette if it states no other."""
     items = list(tags.get("SegmentSequence") or ())
     if not 1 <= len(items) <= MOST_SEGMENTS:
         raise expected("segments", f"1 to {MOST_SEGMENTS}", len(items), "the file is damaged")
@@ -136,7 +136,10 @@ def _segment_labels(tags: Any) -> tuple[Label, ...]:
         lab = finite_numbers(item.get("RecommendedDisplayCIELabValue"), 3)
         number = int(item.SegmentNumber)
         if 0 < number < 2**16:
-            labels[number] = Label(number, plain_text(item.get("SegmentLabel")), hex_color(_srgb(lab)) if lab else None)
+            rgb = _srgb(lab) if lab else None
+            if rgb is None and head.photometric == PALETTE:
+                rgb = to_rgb(np.array([[number]], np.uint16), head, tags)[0, 0].tolist()
+            labels[number] = Label(number, plain_text(item.get("SegmentLabel")), hex_color(rgb) if rgb else None)
     return tuple(labels.values())
 
 
@@ -155,20 +158,17 @@ def _frame_masks(
     head: DicomHeader, tags: Any, table: Sequence[Label]
 ) -> tuple[PlaneGrid, Callable[[int], Iterator[tuple[int, np.ndarray]]], tuple[str, ...]]:
     """The grid of a segmentation, a function from a segment's number to its (plane, mask) pairs, and notes."""
-    rows, columns = head.size
     kind = str(tags.get("SegmentationType") or "BINARY").upper()
-    if head.allocated == 1:
-        if find_decoder(head.syntax).is_encapsulated or head.samples != 1:
-            raise expected("pixels", "uncompressed pixels of 1 bit", "other pixels", "convert the file")
-        require_bytes(-(-rows * columns * head.frames // 8), head.room, "pixels")
-    else:
-        check_header(head)
+    if kind == "LABELMAP" and head.photometric == PALETTE:
+        # the palette is a colour for each number
+        head = replace(head, photometric="MONOCHROME2")
+    check_header(head)
     frames = list_frames(head, tags)
     if any(frame.position is None or frame.orientation is None or frame.spacing is None for frame in frames):
         raise expected(
             "segments", "slices with positions, orientations and sizes of pixels", "none", "convert the file"
         )
-    grid, planes = _place_frames(frames, (rows, columns))
+    grid, planes = _place_frames(frames, head.size)
     owners = [0] * len(frames) if kind == "LABELMAP" else _frame_segments(tags, len(frames))
     most = float((finite_numbers([tags.get("MaximumFractionalValue")], 1) or (255.0,))[0])
 

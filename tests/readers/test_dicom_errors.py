@@ -218,8 +218,8 @@ def deflated(path: Path) -> None:
     save(data, path)
 
 
-def one_bit(path: Path) -> None:
-    save(image(HU[0], BitsAllocated=1, BitsStored=1, HighBit=0), path)
+def odd_bits(path: Path) -> None:
+    save(image(HU[0], BitsAllocated=12, BitsStored=12, HighBit=11), path)
 
 
 def text(path: Path) -> None:
@@ -243,7 +243,7 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "groups": (few_groups, "frames: expected 6, as the header says, got 4"),
     "video": (video, "transfer syntax: expected"),
     "deflated": (deflated, "transfer syntax: expected one that isn't deflated"),
-    "one bit": (one_bit, "pixels: expected 8 to 32 bits each"),
+    "odd bits": (odd_bits, "pixels: expected 1 or 8 to 64 bits each"),
     "text": (text, "contents: expected DICOM, as the name says, got text"),
 }
 
