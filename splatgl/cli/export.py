@@ -79,6 +79,8 @@ def add_convert_parser(parser: argparse.ArgumentParser) -> None:
     add_source(parser)
     suffixes = ", ".join(target.suffixes[0] for target in TARGETS)
     parser.add_argument("output", metavar="OUT", help=f"file to write: {suffixes}")
+    about = "DICOM images that labels were drawn on, whose patient and frame of reference .dcm has"
+    parser.add_argument("--images", metavar="DIR", help=about)
     parser.add_argument("--quiet", action="store_true", help="no summary")
     crop = declared(SceneFile)["crop"]
     add_option(parser, "crop", replace(crop, help="write these voxels along x, y, z", level="basic"))
@@ -99,7 +101,7 @@ def run_convert(args: argparse.Namespace) -> int:
     volume, numbers = _read_times(open_time, times, "times" in target.holds and "array" not in options)
     print_notes(volume, args.quiet, has_times=numbers is not None)
     count = len(numbers or (0,))
-    notes = save(volume, output, count, lambda n: open_time(numbers[n]) if numbers else volume)
+    notes = save(volume, output, count, lambda n: open_time(numbers[n]) if numbers else volume, args.images)
     print_lines(notes, args.quiet)
     if not args.quiet:
         size = " × ".join(map(str, volume.shape[::-1])) + f", {count} time points" * (count > 1)

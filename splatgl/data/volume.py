@@ -365,15 +365,16 @@ class Volume:
             inside &= mask.keeps(self, low, high)
         return inside
 
-    def save(self, path: str | Path) -> tuple[str, ...]:
-        """Writes the volume, or nothing: .nii, .nii.gz, .nrrd, .mha, .ome.tif, .zarr (with levels) or .npy.
+    def save(self, path: str | Path, images: str | Path | None = None) -> tuple[str, ...]:
+        """Writes the volume, or nothing: .nii, .nii.gz, .nrrd, .mha, .ome.tif, .zarr (with levels), .npy, and labels as
+        .dcm, of the patient of the DICOM `images` that they were drawn on (a file or folder).
 
         Returns a line for each thing that the format cannot hold. Large samples are read in slabs. Raises InputError
         for another name and for contents that the format has no place for.
         """
         from splatgl.writers import save
 
-        return save(self, path)
+        return save(self, path, images=images)
 
     def to_pyvista(self) -> Any:
         """A pyvista.ImageData with the samples in its points, colours and vectors too. InputError without PyVista."""

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from operator import itemgetter
 from pathlib import Path
@@ -38,8 +38,9 @@ class FileTarget:
     one as of a `Format`. Of another package it is what an entry point of the group `splatgl.writers` leads to.
 
     holds: what it keeps of "spacing", "origin", "direction", "color", "vectors", "channels", "layers" (channels of
-    labels), "times", "labels" (their table) and "value unit". frame: of its coordinates, None if it states any. units:
-    of length that it names, () for all. types: numpy codes of samples. library: (module, package) that writes it.
+    labels), "times", "labels" (their table), "images" (those of patients) and "value unit". frame: of its coordinates,
+    None if it states any. units: of length that it names, () for all. types: numpy codes of samples. library: (module,
+    package) that writes it, of an extra.
     """
 
     title: str
@@ -50,6 +51,7 @@ class FileTarget:
     units: tuple[str, ...] = ()
     types: tuple[str, ...] = _ALL
     library: tuple[str, str] | None = None
+    extra: str = "readers"
     is_folder: bool = False
 
 
@@ -81,6 +83,17 @@ TARGETS = (
         library=("zarr", "zarr"),
         is_folder=True,
     ),
+    FileTarget(
+        "DICOM SEG",
+        (".dcm",),
+        "segmentation.write_segmentation",
+        ("spacing", "origin", "direction", "layers", "labels", "images"),
+        "LPS",
+        ("mm",),
+        types=(*_ALL, "b1", "f2"),
+        library=("highdicom", "highdicom"),
+        extra="dicom-seg",
+    ),
     FileTarget("NumPy", (".npy",), "formats.write_npy", ("color", "vectors"), types=(*_ALL, "b1", "f2", "f16")),
 )
 
@@ -107,14 +120,14 @@ def find_target(path: Path) -> FileTarget:
         raise expected(path, "a name that is free", "one that is there", "remove it first")
     check_output(path, (path.suffix.lower(),))
     if target.library:
-        import_extra(target.library[0], f"{target.title} files", target.library[1], "readers")
+        import_extra(target.library[0], f"{target.title} files", target.library[1], target.extra)
     return target
 
 
 @dataclass(frozen=True, eq=False)
 class Content:
     """Content to write: the first time point, prepared for the format; the number of them, and a function that opens
-    one. parts: of a volume, the arrays [D, H, W] or [D, H, W, 3] that make its components. dtype: as written.
+    one. dtype: as written. images: those that labels were drawn on. notes: on what is lost, to which a writer may add.
     """
 
     volume: Volume
@@ -122,6 +135,8 @@ class Content:
     count: int
     open: Callable[[int], Volume]
     dtype: np.dtype
+    images: Path | None = None
+    notes: list[str] = field(default_factory=list)
 
     @property
     def components(self) -> int:
@@ -166,17 +181,24 @@ class Content:
 
 
 def save(
-    volume: Volume, path: str | Path, count: int = 1, open_time: Callable[[int], Volume] | None = None
+    volume: Volume,
+    path: str | Path,
+    count: int = 1,
+    open_time: Callable[[int], Volume] | None = None,
+    images: str | Path | None = None,
 ) -> tuple[str, ...]:
     """Writes a volume, or nothing, and returns a line for everything that the format cannot store.
 
-    count, open_time: the number of time points, and a function that opens one; the volume is the first of them. Large
-    samples are read in slabs. Raises InputError for several channels where a format holds one, and for numbers that it
-    cannot hold exactly.
+    count, open_time: the number of time points, and a function that opens one; the volume is the first of them. images:
+    file or folder of the DICOM images that labels were drawn on, for .dcm. Large samples are read in slabs. Raises
+    InputError for several channels where a format holds one, and for numbers that it cannot hold exactly.
     """
     path = Path(path)
     target = find_target(path)
-    content, notes = _prepare(volume, target, count, open_time)
+    if images is not None and "images" not in target.holds:
+        raise expected("images", f"no value for a {target.title} file", images)
+    content = _prepare(volume, target, count, open_time)
+    content, notes = replace(content, images=images and Path(images)), content.notes
     write = find_function(target.writer, __name__)
     with ExitStack() as stack:
         table = content.volume.labels if "labels" not in target.holds else None
@@ -198,10 +220,8 @@ def _stem(path: Path, target: FileTarget) -> str:
     return path.name[: -len(suffix.removeprefix(".ome"))]
 
 
-def _prepare(
-    volume: Volume, target: FileTarget, count: int, open_time: Callable[[int], Volume] | None
-) -> tuple[Content, list[str]]:
-    """The content of a file, and notes on what is lost."""
+def _prepare(volume: Volume, target: FileTarget, count: int, open_time: Callable[[int], Volume] | None) -> Content:
+    """The content of a file."""
     holds, channels = target.holds, volume.channels or (volume,)
     if volume.points is not None:
         raise expected(volume.name or "volume", "voxels", f"{len(volume.points):,} points", "nothing grids points")
@@ -227,18 +247,19 @@ def _prepare(
 
     first = place(volume)
     content = Content(first, target, count, lambda n: place(open_time(n)) if open_time else first, np.dtype("f4"))
-    notes = _lost(volume, target, content.kind)
+    notes = content.notes
+    notes += _lost(volume, target, content.kind)
     if (unit, factor) != (volume.unit, 1.0):
         notes.append(f"unit: {volume.unit} is written as {unit or 'none'}, as {target.title} has no other")
     if content.kind == "color":
-        return replace(content, dtype=np.dtype(np.uint8)), notes
+        return replace(content, dtype=np.dtype(np.uint8))
     if content.kind == "vectors":
-        return content, notes
+        return content
     stored = np.result_type(*(part.samples.dtype for part in first.channels or (first,)))
     dtype = _stored_type(content, stored)
     if dtype.kind != stored.kind or dtype.itemsize != stored.itemsize:
         notes.append(f"samples: {stored.name} is written as {dtype.name}, as {target.title} has no other")
-    return replace(content, dtype=dtype), notes
+    return replace(content, dtype=dtype)
 
 
 def _lost(volume: Volume, target: FileTarget, kind: str) -> list[str]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.volume import Volume
 from tests.fuzz.seed_dicom import image, save
 from tests.fuzz.seed_files import CUBE, Seed, written
 
@@ -103,6 +104,17 @@ def structures(path: Path, contours: Sequence[tuple[int, str, np.ndarray]]) -> P
 def circle(radius: float, z: float, middle: tuple[float, float] = (40.0, 36.0)) -> np.ndarray:
     angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)
     return np.stack([middle[0] + radius * np.cos(angles), middle[1] + radius * np.sin(angles), np.full(72, z)], -1)
+
+
+def found_in(volume: Volume) -> dict[str, np.ndarray]:
+    """World places [N, 3] of the voxels of each segment, by its name, sorted."""
+    found = {}
+    for part in volume.channels or (volume,):
+        for label in part.labels or ():
+            index = np.argwhere(np.asarray(part.samples) == label.number)[:, ::-1]
+            places = np.round(index @ part.world_from_index.T + part.origin, 6)
+            found[label.name] = places[np.lexsort(places.T)]
+    return found
 
 
 def dicom_segments() -> list[Seed]:

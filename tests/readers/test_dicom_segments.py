@@ -14,20 +14,9 @@ from splatgl.errors import InputError
 
 pytest.importorskip("pydicom", reason="writes the files; it is in the extra dicom")
 from tests.fuzz.seed_dicom import image, save
-from tests.fuzz.seed_segments import NAMES, SHAPE, STEP, circle, masks, segmentation, structures
+from tests.fuzz.seed_segments import NAMES, SHAPE, STEP, circle, found_in, masks, segmentation, structures
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
-
-
-def found_in(volume: sg.Volume) -> dict[str, np.ndarray]:
-    """World places [N, 3] of the voxels of each segment, by its name, sorted."""
-    found = {}
-    for part in volume.channels or (volume,):
-        for label in part.labels or ():
-            index = np.argwhere(np.asarray(part.samples) == label.number)[:, ::-1]
-            places = np.round(index @ part.world_from_index.T + part.origin, 6)
-            found[label.name] = places[np.lexsort(places.T)]
-    return found
 
 
 def places_of(mask: np.ndarray) -> np.ndarray:
