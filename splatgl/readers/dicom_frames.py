@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import re
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import date
 from itertools import islice
 from typing import Any
 
@@ -27,6 +25,7 @@ from splatgl.readers.dicom_headers import (
     plain_text,
     read_dataset,
 )
+from splatgl.readers.dicom_vendors import clock_seconds
 
 # most frames of a file
 MOST_FRAMES = 100_000
@@ -65,7 +64,7 @@ class DicomFrame:
     nuclear medicine are stacked against the normal. thickness: of the slice, or None. scale: (slope, intercept).
     times: values of TIMES, NaN for missing ones. stack: what tells it from other stacks of its series, "" without one.
     slice: number of its slice, for one of several images of a slice that has no position; else None. aspect: height of
-    a pixel in widths, where its size is unknown.
+    a pixel in widths, where its size is unknown. segment: number of the one that it is a mask of, or None.
     """
 
     header: DicomHeader
@@ -80,6 +79,7 @@ class DicomFrame:
     stack: str = ""
     slice: int | None = None
     aspect: float = 1.0
+    segment: int | None = None
 
     @property
     def order(self) -> Numbers:
@@ -172,6 +172,7 @@ def _read_frame(of: DicomHeader, number: int, groups: _Groups) -> DicomFrame:
     shift = finite_numbers([groups.get(f"{scale}Intercept", way)], 1)
     times = [_read_time(groups, tag, sequence) for tag, sequence, _ in TIMES]
     ratio = finite_numbers(groups.get("PixelAspectRatio"), 2)
+    segment = groups.get("ReferencedSegmentNumber", "SegmentIdentificationSequence")
     return DicomFrame(
         of,
         number,
@@ -184,6 +185,7 @@ def _read_frame(of: DicomHeader, number: int, groups: _Groups) -> DicomFrame:
         tuple(times),
         f"stack {plain_text(stack)}" if stack else "",
         aspect=ratio[0] / ratio[1] if ratio is not None and min(ratio) > 0 else 1.0,
+        segment=None if segment is None else int(segment),
     )
 
 
@@ -208,9 +210,9 @@ def _read_time(groups: _Groups, tag: str | int, sequence: str) -> float:
         value = groups.get(tag, sequence)
         text = value.decode() if isinstance(value, bytes) else str(value)
         if tag == "AcquisitionTime":
-            return _seconds(str(groups.get("AcquisitionDate") or ""), text)
+            return clock_seconds(groups.get("AcquisitionDate"), text)
         # YYYYMMDDHHMMSS.F&ZZXX
-        return _seconds(text[:8], re.split("[+-]", text[8:])[0]) if "DateTime" in str(tag) else float(text)
+        return clock_seconds(text[:8], text[8:]) if "DateTime" in str(tag) else float(text)
     except (NotImplementedError, ValueError):
         # of pydicom, too: an unknown type, or a value that is not of its tag's type
         return math.nan
@@ -240,13 +242,6 @@ def _multiframe(tags: Any, first: DicomFrame) -> list[DicomFrame]:
         normal = np.array([0.0, 0.0, 1.0])
     places = [start + (offset - (offsets[0] if stated is not None else 0.0)) * normal for offset in offsets]
     return [replace(first, number=n, position=tuple(place.tolist()), times=times[n]) for n, place in enumerate(places)]
-
-
-def _seconds(day: str, time: str) -> float:
-    """Seconds of a time HHMMSS.F, from the begin of the calendar on where the day YYYYMMDD is known."""
-    days = date(int(day[:4]), int(day[4:6]), int(day[6:8])).toordinal() if re.fullmatch("[0-9]{8}", day) else 0
-    number = float(time)
-    return days * 86400 + number // 10000 * 3600 + number // 100 % 100 * 60 + number % 100
 
 
 def _separate_moments(tags: Any, frames: list[DicomFrame]) -> list[DicomFrame]:

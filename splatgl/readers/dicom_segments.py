@@ -14,7 +14,7 @@ import numpy as np
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import expected
-from splatgl.fileio import byte_count
+from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.channels import Channel, ChannelSet, hex_color
 from splatgl.readers.dicom_frames import (
     PALETTE,
@@ -169,15 +169,18 @@ def _frame_masks(
             "segments", "slices with positions, orientations and sizes of pixels", "none", "convert the file"
         )
     grid, planes = _place_frames(frames, head.size)
-    owners = [0] * len(frames) if kind == "LABELMAP" else _frame_segments(tags, len(frames))
+    if kind != "LABELMAP" and any(frame.segment is None for frame in frames):
+        raise expected("frames", "a segment number per frame", "none", "the file is damaged")
     most = float((finite_numbers([tags.get("MaximumFractionalValue")], 1) or (255.0,))[0])
 
+    require_memory(2 * byte_count(grid.shape, np.dtype(np.uint16)), head.room, what="segments")
+    # all segments are in the same frames
+    stored = list(decode_frames(head, frames, tags)) if kind == "LABELMAP" else []
+
     def masks(number: int) -> Iterator[tuple[int, np.ndarray]]:
-        segment_frames = [
-            frame for frame, owner in zip(frames, owners, strict=True) if owner == number or kind == "LABELMAP"
-        ]
         masks_by_plane: dict[int, np.ndarray] = {}
-        for frame, values, _ in decode_frames(head, segment_frames, tags):
+        own = stored or decode_frames(head, [frame for frame in frames if frame.segment == number], tags)
+        for frame, values, _ in own:
             mask = (
                 values == number if kind == "LABELMAP" else values * 2.0 >= most if kind == "FRACTIONAL" else values > 0
             )
@@ -186,19 +189,6 @@ def _frame_masks(
         yield from masks_by_plane.items()
 
     return grid, masks, ("fractions of segments are rendered from one half on",) * (kind == "FRACTIONAL")
-
-
-def _frame_segments(tags: Any, count: int) -> list[int]:
-    """The segment number of each frame."""
-    shared = next(iter(tags.get("SharedFunctionalGroupsSequence") or ()), None)
-    per_frame = list(tags.get("PerFrameFunctionalGroupsSequence") or [None] * count)
-    segments = []
-    for group in per_frame:
-        items = [source.get("SegmentIdentificationSequence") for source in (group, shared) if source is not None]
-        if not any(items):
-            raise expected("frames", "a segment number per frame", "none", "the file is damaged")
-        segments.append(int(next(filter(None, items))[0].ReferencedSegmentNumber))
-    return segments
 
 
 def _place_frames(frames: Sequence[DicomFrame], size: tuple[int, int]) -> tuple[PlaneGrid, dict[int, list[int]]]:

@@ -12,7 +12,7 @@ import math
 import re
 import struct
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -24,14 +24,15 @@ COUNT, MATRIX, CSA = 0x0019100A, 0x0051100B, 0x00291010
 MOST_TILES = 1024
 # entry of a CSA header: name, multiplicity, type, code, number of items, code
 _ENTRY = struct.Struct("<64si4siii")
-# first bytes of version 2; version 1, of scanners before 2004, begins with the number of entries
+# first bytes of version 2; version 1, of scanners before 2004, has its entries 8 bytes earlier
 _VERSION_2 = b"SV10"
 # third number of an item, last of an entry
 _MARKS = (77, 205)
-# most entries of version 1
+# most entries
 _MOST_ENTRIES = 1000
-# how descriptions of version 1 differ: an item's length by its second number, or by the first less the number of items
-# of the first entry, where items end at a negative length (SPM); texts padded by up to three bytes, or by one to four
+# how descriptions differ, of which the first is version 2's: an item's length by its second number, or by the first
+# less the number of items of the first entry, where items end at a negative length (SPM); texts padded by up to three
+# bytes, or by one to four
 _LAYOUTS = ((1, 3), (0, 3), (1, 4), (0, 4))
 
 
@@ -107,12 +108,7 @@ def _value(tags: Any, tag: int) -> Any:
 def csa_numbers(tags: Any, name: str) -> tuple[float, ...]:
     """The numbers, at most three, of an entry of the CSA header, () without them."""
     data = _value(tags, CSA)
-    data = data if isinstance(data, bytes) else b""
-    if data.startswith(_VERSION_2):
-        found = _read_entry(data, data.find(name.encode() + b"\0"), (1, 3), 0)
-        many, texts = (0, []) if found is None else found[1:3]
-    else:
-        many, texts = _read_version_1(data).get(name, (0, []))
+    many, texts = (_read_entries(data) if isinstance(data, bytes) else {}).get(name, (0, []))
     try:
         numbers = tuple(float(text) for text in texts[: min(many, 3)])
     except ValueError:
@@ -120,12 +116,14 @@ def csa_numbers(tags: Any, name: str) -> tuple[float, ...]:
     return numbers if all(map(math.isfinite, numbers)) else ()
 
 
-def _read_version_1(data: bytes) -> dict[str, tuple[int, list[bytes]]]:
+def _read_entries(data: bytes) -> dict[str, tuple[int, list[bytes]]]:
     """Entries by name: how many items count, and all; by the layout in which every entry and item has its mark."""
+    is_second = data.startswith(_VERSION_2)
+    data = data[8 * is_second :]
     if len(data) < 8 + _ENTRY.size:
         return {}
     count, first = int.from_bytes(data[:4], "little"), _ENTRY.unpack_from(data, 8)[4]
-    for layout in _LAYOUTS if 0 < count <= _MOST_ENTRIES else ():
+    for layout in _LAYOUTS[: 1 if is_second else None] if 0 < count <= _MOST_ENTRIES else ():
         entries, at = dict[str, tuple[int, list[bytes]]](), 8
         while len(entries) < count and (found := _read_entry(data, at, layout, first)):
             name, many, texts, at = found
@@ -140,7 +138,7 @@ def _read_entry(data: bytes, at: int, layout: tuple[int, int], first: int) -> tu
 
     An item of an entry: four numbers, and its text. layout: of `_LAYOUTS`; first: items of the first entry.
     """
-    if at < 0 or len(data) < at + _ENTRY.size:
+    if len(data) < at + _ENTRY.size:
         return None
     title, many, _, _, count, mark = _ENTRY.unpack_from(data, at)
     at, texts, (word, padding) = at + _ENTRY.size, list[bytes](), layout
@@ -159,6 +157,8 @@ def _read_entry(data: bytes, at: int, layout: tuple[int, int], first: int) -> tu
 # Philips' factors from stored values to SUV and to Bq/ml
 PHILIPS_SUV, PHILIPS_ACTIVITY = 0x70531000, 0x70531009
 SUV = "values are SUV by body weight"
+# seconds of a day
+_DAY = 86400
 # least plausible injected dose in Bq: some programs write megabecquerels
 _LEAST_DOSE = 1e5
 
@@ -260,30 +260,35 @@ def _from_activity(tags: Any) -> tuple[float, str]:
 
 def _elapsed(tags: Any, item: Any) -> float | None:
     """Seconds from the injection to the start of the scan, None if the header's times do not fit."""
-    scan = _moment(tags.get("SeriesDate"), tags.get("SeriesTime"))
-    acquired = _moment(tags.get("AcquisitionDate") or tags.get("SeriesDate"), tags.get("AcquisitionTime"))
-    if scan is None or (acquired is not None and acquired < scan):
+    day, start = tags.get("SeriesDate"), item.get("RadiopharmaceuticalStartTime")
+    scan = clock_seconds(day, tags.get("SeriesTime"))
+    acquired = clock_seconds(tags.get("AcquisitionDate") or day, tags.get("AcquisitionTime"))
+    if not day or acquired < scan:
         # the series was made later, by a reconstruction: values are corrected to another time
         return None
     stated = str(item.get("RadiopharmaceuticalStartDateTime") or "")
-    injected = _moment(stated[:8], stated[8:]) if stated else None
-    if injected is None:
-        injected = _moment(tags.get("SeriesDate"), item.get("RadiopharmaceuticalStartTime"))
-        if injected is not None and injected > scan:
-            # before midnight
-            injected -= timedelta(days=1)
-    seconds = None if injected is None else (scan - injected).total_seconds()
-    return seconds if seconds is not None and 0 <= seconds < 86400 else None
+    injected = clock_seconds(stated[:8], stated[8:])
+    if math.isnan(injected):
+        injected = clock_seconds(day, start)
+        # before midnight
+        injected -= _DAY * (injected > scan)
+    return scan - injected if 0 <= scan - injected < _DAY else None
 
 
-def _moment(date: Any, time: Any) -> datetime | None:
-    """The moment of a date YYYYMMDD and a time HHMMSS.F, without its zone; None without them."""
-    day, clock = str(date or "").strip(), str(time or "").strip().split("+")[0].split("-")[0]
+def clock_seconds(day: Any, clock: Any) -> float:
+    """Seconds of a time HHMMSS.F, without its zone, from the begin of the calendar on where the day YYYYMMDD is known;
+    NaN without a time, and for other texts.
+    """
+    # older files have signs between the numbers
+    date, time = str(day or "").strip().replace(".", ""), str(clock or "").strip().replace(":", "")
+    whole, _, part = re.split("[-+&]", time)[0].partition(".")
     try:
-        whole, _, part = clock.partition(".")
-        return datetime.strptime(f"{day}{whole:0<6}", "%Y%m%d%H%M%S") + timedelta(seconds=float(f"0.{part or 0}"))
+        moment = datetime.strptime(f"{whole:0<6}", "%H%M%S") if whole else None
+        days = datetime.strptime(date, "%Y%m%d").toordinal() if date else 0
+        seconds = math.nan if moment is None else moment.hour * 3600 + moment.minute * 60 + moment.second
+        return days * _DAY + seconds + float(f"0.{part or 0}")
     except ValueError:
-        return None
+        return math.nan
 
 
 def _number(value: Any) -> float:

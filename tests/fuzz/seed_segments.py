@@ -78,6 +78,20 @@ def segmentation(
     return path
 
 
+def palette_segmentation(path: Path) -> Path:
+    """A SEG of labels with a palette, whose odd length is padded."""
+    from pydicom import dcmread
+
+    data = dcmread(segmentation(path, masks(overlap=False), "LABELMAP"))
+    data.PhotometricInterpretation = "PALETTE COLOR"
+    for n in range(3):
+        # red, green and blue: the table's size, first number and bits, and the table
+        data.add_new(0x00281101 + n, "US", [5, 0, 8])
+        data.add_new(0x00281201 + n, "OW", bytes([n, 255 - n, 100, 8 * n, 7, 0]))
+    save(data, path)
+    return path
+
+
 def structures(path: Path, contours: Sequence[tuple[int, str, np.ndarray]]) -> Path:
     """An RTSTRUCT of regions 1, 2, …: number, geometric type and points [N, 3] of each contour."""
     data = image(np.zeros((2, 2), np.uint8), Modality="RTSTRUCT", SOPClassUID=STRUCTURES)
@@ -122,7 +136,10 @@ def dicom_segments() -> list[Seed]:
     kinds = [partial(segmentation, of=masks(kind != "LABELMAP"), kind=kind) for kind in ("BINARY", "FRACTIONAL")]
     kinds.append(partial(segmentation, of=masks(overlap=False), kind="LABELMAP"))
     contours = [(n, "CLOSED_PLANAR", circle(6, z)) for n in (1, 2) for z in (0.0, 3.0, 6.0)]
-    return [written("a.dcm", save_one) for save_one in (*kinds, partial(structures, contours=contours))]
+    return [
+        written("a.dcm", save_one)
+        for save_one in (*kinds, palette_segmentation, partial(structures, contours=contours))
+    ]
 
 
 def dicom_words() -> list[Seed]:

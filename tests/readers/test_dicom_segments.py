@@ -14,7 +14,17 @@ from splatgl.errors import InputError
 
 pytest.importorskip("pydicom", reason="writes the files; it is in the extra dicom")
 from tests.fuzz.seed_dicom import image, save
-from tests.fuzz.seed_segments import NAMES, SHAPE, STEP, circle, found_in, masks, segmentation, structures
+from tests.fuzz.seed_segments import (
+    NAMES,
+    SHAPE,
+    STEP,
+    circle,
+    found_in,
+    masks,
+    palette_segmentation,
+    segmentation,
+    structures,
+)
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
 
@@ -45,6 +55,12 @@ def test_each_segment_lies_where_its_frames_do(kind: str, overlap: bool, tmp_pat
         assert [label.name for label in second.labels or ()] == ["Tumour"] and not second.channels
         inside = sg.Volume(np.ones(SHAPE), (1.5, 2.0, STEP), (10, 20, 0), frame="LPS").masked(tmp_path / "seg.dcm")
         np.testing.assert_array_equal(inside.kept((0, 0, 0), SHAPE), of.any(axis=0))
+
+
+def test_a_palette_is_the_colour_of_each_number(tmp_path: Path) -> None:
+    volume = sg.load(palette_segmentation(tmp_path / "a.dcm"))
+    assert [label.color for label in volume.labels or ()] == ["#80ae80", "#ff0000", "#000810"]
+    np.testing.assert_allclose(found_in(volume)["Liver"], places_of(masks(False)[0]))
 
 
 def test_segments_between_uneven_slices(tmp_path: Path) -> None:
