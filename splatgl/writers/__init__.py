@@ -198,7 +198,7 @@ def save(
     if images is not None and "images" not in target.holds:
         raise expected("images", f"no value for a {target.title} file", images)
     content = _prepare(volume, target, count, open_time)
-    content, notes = replace(content, images=images and Path(images)), content.notes
+    content, notes = replace(content, images=None if images is None else Path(images)), content.notes
     write = find_function(target.writer, __name__)
     with ExitStack() as stack:
         table = content.volume.labels if "labels" not in target.holds else None

@@ -22,10 +22,12 @@ from splatgl.transfer.label_detection import LABELS, MASK, mark_kind
 from splatgl.writers import Content, label_colors
 
 # elements of images that highdicom copies, which anonymous ones may lack: those that may be empty, and identifiers
-_TEXTS = ("PatientID", "PatientName", "PatientBirthDate", "PatientSex", "AccessionNumber", "StudyID", "StudyDate")
-_TEXTS += ("StudyTime", "ReferringPhysicianName")
+_TEXTS = (
+    *("PatientID", "PatientName", "PatientBirthDate", "PatientSex", "AccessionNumber"),
+    *("StudyID", "StudyDate", "StudyTime", "ReferringPhysicianName"),
+)
 _UIDS = ("StudyInstanceUID", "SeriesInstanceUID", "SOPInstanceUID", "FrameOfReferenceUID")
-# class of an image that stands for none, and of the number of a series that scanners leave free
+# class of an image that stands for none, and a number of a series that scanners leave free
 _CT, _SERIES = "1.2.840.10008.5.1.4.1.1.2", 1000
 # largest cosine between axes at right angles
 _SQUARE = 1e-4
@@ -51,6 +53,7 @@ def write_segmentation(path: Path, content: Content) -> None:
     elif not any(frame.get("DerivationImageSequence") for frame in frames):
         content.notes.append(f"no slice of the segments lies on one of {content.images}")
     data.save_as(path)
+    content.notes.extend(["the unit is unknown, and DICOM has only mm"] * (not volume.unit))
     content.notes.append("DICOM asks what segments are and who drew them, which labels do not say: Tissue, MANUAL")
     moved = [f"{label.number} is {n}" for n, (_, label) in enumerate(segments, 1) if label.number != n]
     content.notes.extend([f"DICOM numbers segments from 1: {list_names(moved)}"] * bool(moved))
@@ -152,7 +155,7 @@ def _read_images(path: Path) -> list[Any]:
     if not series:
         raise expected(path, "a series of DICOM images", "segments")
     frames, _ = largest_group(select_series(series, LoadOptions()).frames)
-    images = []
+    images: list[Any] = []
     for source in dict.fromkeys(frame.header.source for frame in frames):
         with source.open() as file:
             images.append(_complete(read_dataset(file), images[0] if images else None))

@@ -36,7 +36,8 @@ def assert_same(read: sg.Volume, right: sg.Volume) -> None:
     for name, places in wanted.items():
         np.testing.assert_allclose(found[name], places, atol=1e-5)
     colors = [[int(label.color[n : n + 2], 16) for n in (1, 3, 5)] for v in (read, right) for label in v.labels or ()]  # type: ignore[index]
-    np.testing.assert_allclose(*np.array_split(np.array(colors), 2), atol=1)
+    ours, theirs = np.array_split(np.array(colors), 2)
+    np.testing.assert_allclose(ours, theirs, atol=1)
 
 
 @pytest.mark.parametrize("frame", ["LPS", "RAS"])
