@@ -74,7 +74,7 @@ CHUNK_BYTES = 2**20
 # loggers of libraries that print by themselves or through Python's last resort; tifffile's is listened to
 LOGGERS = (
     *("nibabel.global", "numcodecs", "PIL.ImageFile", "PIL.PngImagePlugin", "PIL.TiffImagePlugin"),
-    *("cmap", "liffile", "pydicom", "pylibjpeg", "zarr"),
+    *("cmap", "highdicom.base", "liffile", "pydicom", "pylibjpeg", "zarr"),
 )
 
 Shape = tuple[int, int, int]

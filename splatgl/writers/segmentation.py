@@ -14,6 +14,7 @@ from splatgl.data.fills import distinct
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import expected, list_names, one_line
 from splatgl.fileio import byte_count, require_memory
+from splatgl.readers.common import silence_libraries
 from splatgl.readers.dicom import find_series, largest_group, select_series
 from splatgl.readers.dicom_headers import plain_text, read_dataset
 from splatgl.readers.dicom_segments import MOST_SEGMENTS
@@ -33,6 +34,7 @@ _CT, _SERIES = "1.2.840.10008.5.1.4.1.1.2", 1000
 _SQUARE = 1e-4
 
 
+@silence_libraries()
 def write_segmentation(path: Path, content: Content) -> None:
     """Writes a .dcm file of the labels of a volume, or of its channels, which may overlap; notes say what DICOM asks
     for and labels do not have. Raises InputError for amounts, sheared grids and images that are no series.

@@ -81,11 +81,12 @@ def test_segments_that_overlap_stay_whole(labels: sg.Volume, tmp_path: Path) -> 
     }
 
 
+@pytest.mark.filterwarnings("error::UserWarning:highdicom")
 def test_patient_and_frame_are_those_of_the_images(
     tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "ct").mkdir()
-    tags = {"PatientName": "Doe^Jane", "StudyInstanceUID": "1.2.5", "FrameOfReferenceUID": "1.2.6"}
+    tags = {"PatientName": "Doe", "StudyInstanceUID": "1.2.5", "FrameOfReferenceUID": "1.2.6"}
     for n in range(8):
         save(image(np.zeros((5, 7), np.int16), 3.0 * n, **tags), tmp_path / "ct" / f"{n}.dcm")
     ct = sg.load(tmp_path / "ct")
@@ -95,7 +96,7 @@ def test_patient_and_frame_are_those_of_the_images(
     line = ["convert", str(source), str(path := tmp_path / "labels.seg.dcm"), "--images", str(tmp_path / "ct")]
     assert main(line) == 0
     captured = capsys.readouterr()
-    assert f"{path}: DICOM SEG, 7 × 5 × 8" in captured.out and "lies on" not in captured.err
+    assert f"{path}: DICOM SEG, 7 × 5 × 8" in captured.out and captured.err.count("\n") == 1
     read = sg.load(path)
     assert np.array_equal(read.samples, numbers) and [label.name for label in read.labels or ()] == [
         "über / liver",
@@ -104,7 +105,7 @@ def test_patient_and_frame_are_those_of_the_images(
     import pydicom
 
     data = pydicom.dcmread(path)
-    assert (data.PatientName, data.StudyInstanceUID, data.FrameOfReferenceUID) == ("Doe^Jane", "1.2.5", "1.2.6")
+    assert (data.PatientName, data.StudyInstanceUID, data.FrameOfReferenceUID) == ("Doe", "1.2.5", "1.2.6")
     assert len(data.ReferencedSeriesSequence[0].ReferencedInstanceSequence) == 8
     notes = replace(volume, origin=(0, 0, 900)).save(path, images=tmp_path / "ct")
     assert any("no slice of the segments lies on one of" in note for note in notes)
