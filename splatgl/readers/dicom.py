@@ -8,17 +8,18 @@ which would be drawn, too.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
 
 from splatgl.data.affine import interpolate_planes
 from splatgl.data.volume import Triple, Volume
-from splatgl.errors import InputError, expected
+from splatgl.errors import InputError, error_prefix, expected
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers import dicom_segments
 from splatgl.readers.dicom_frames import (
@@ -95,15 +96,10 @@ def read(path: Path, options: LoadOptions) -> Volume:
     )
 
 
-@contextmanager
-def _with_file_name(head: DicomHeader, group: Sequence[DicomFrame]) -> Iterator[None]:
+def _with_file_name(head: DicomHeader, group: Sequence[DicomFrame]) -> AbstractContextManager[None]:
     """Puts the file's name before an error, if there are several files."""
-    try:
-        yield
-    except InputError as error:
-        if len({frame.header.source for frame in group}) == 1 or "splatgl[" in str(error):
-            raise
-        raise InputError(f"{head.source.name}: {error}") from error
+    several = len({frame.header.source for frame in group}) > 1
+    return error_prefix(head.source.name) if several else nullcontext()
 
 
 def _read_samples(grid: SliceGrid) -> tuple[np.ndarray, np.ndarray | None]:
@@ -316,7 +312,8 @@ def _stack_by_number(
             options.reject(name, "images with positions")
         ordered = sorted(frames, key=lambda frame: (*frame.order[-1:], frame.header.source.name, frame.number))
     else:
-        of_slice = groupby(sorted(frames, key=slice_number), slice_number)
+        number = attrgetter("slice")
+        of_slice = groupby(sorted(frames, key=number), number)
         ordered, notes, times, time_step = _select_images([list(images) for _, images in of_slice], options)
     signed = (ordered[0].step if len(ordered) > 1 else None) or across[0]
     step, direction = abs(signed), np.diag([1.0, 1.0, np.sign(signed)])
@@ -326,11 +323,6 @@ def _stack_by_number(
     return SliceGrid(
         tuple(ordered), (*across, step), (0.0, 0.0, 0.0), direction, unit, None, notes, times=times, time_step=time_step
     )
-
-
-def slice_number(frame: DicomFrame) -> int:
-    """The number of a frame's slice, 0 without one."""
-    return frame.slice or 0
 
 
 def _select_images(

@@ -218,16 +218,13 @@ def suv_factor(tags: Any) -> tuple[float, str]:
             return stated, f"{SUV}, by the vendor's factor"
         if not activity > 0:
             return 1.0, "values are counts, not SUV: the header has no factor to Bq/ml"
-        factor, reason = _from_activity(tags)
-        return (factor * activity, f"{SUV}, from counts by the vendor's factor") if factor else (1.0, _reject(reason))
-    if units != "BQML":
+        source = "counts by the vendor's factor"
+    elif units == "BQML":
+        activity, source = 1.0, "Bq/ml by the header's weight, dose and decay"
+    else:
         return 1.0, f"values are in {units or 'an unknown unit'}, not SUV"
     factor, reason = _from_activity(tags)
-    return (factor, f"{SUV}, from Bq/ml by the header's weight, dose and decay") if factor else (1.0, _reject(reason))
-
-
-def _reject(reason: str) -> str:
-    return f"values are as stored, not SUV: {reason}"
+    return (factor * activity, f"{SUV}, from {source}") if factor else (1.0, f"values are as stored, not SUV: {reason}")
 
 
 def _from_activity(tags: Any) -> tuple[float, str]:
@@ -251,10 +248,7 @@ def _from_activity(tags: Any) -> tuple[float, str]:
         return (0.0, reason) if reason else (weight * 1000 / dose, "")
     elapsed = _elapsed(tags, item)
     if elapsed is None or not half_life > 0:
-        return (
-            0.0,
-            "the header has no half-life" if elapsed is not None else "the times of injection and scan do not fit",
-        )
+        return 0.0, "the times of injection and scan do not fit" if elapsed is None else "the header has no half-life"
     return weight * 1000 / (dose * 2 ** (-elapsed / half_life)), ""
 
 
