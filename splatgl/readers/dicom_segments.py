@@ -351,15 +351,19 @@ def _contour_grid(outlines: Sequence[np.ndarray], places: np.ndarray) -> PlaneGr
 
 def _fill_contours(contours: Sequence[np.ndarray], grid: PlaneGrid) -> np.ndarray:
     """bool [H, W]: voxels whose centre an odd number of contours [N, 2] encloses, so that inner contours are holes."""
-    _, rows, columns = grid.shape
-    crossed = np.zeros((rows, columns + 1), np.int32)
-    for points in contours:
-        # in voxels
-        start = (points - np.array(grid.origin[:2])) / np.array(grid.spacing[:2])
+    # in voxels, within the box around all of them
+    outlines = [(points - np.array(grid.origin[:2])) / np.array(grid.spacing[:2]) for points in contours]
+    ends = np.ceil([pick([pick(points, axis=0) for points in outlines], axis=0) for pick in (np.min, np.max)])
+    (left, top), (right, bottom) = np.clip(ends, 0, grid.shape[:0:-1]).astype(np.int64).tolist()
+    crossed = np.zeros((bottom - top, right - left + 1), bool)
+    for start in outlines:
         for (x0, y0), (x1, y1) in zip(start, np.roll(start, -1, axis=0), strict=True):
-            first, last = (int(np.clip(np.ceil(y), 0, rows)) for y in sorted((y0, y1)))
+            first, last = (int(np.clip(np.ceil(y), top, bottom)) for y in sorted((y0, y1)))
             at = np.arange(first, last)
             if len(at):
                 x = x0 + (at - y0) * (x1 - x0) / (y1 - y0)
-                np.add.at(crossed, (at, np.clip(np.ceil(x), 0, columns).astype(np.int64)), 1)
-    return np.asarray(np.cumsum(crossed, axis=1)[:, :columns] % 2 == 1)
+                columns = np.clip(np.ceil(x), left, right).astype(np.int64) - left
+                np.logical_xor.at(crossed, (at - top, columns), True)
+    mask = np.zeros(grid.shape[1:], bool)
+    mask[top:bottom, left:right] = np.logical_xor.accumulate(crossed, axis=1)[:, :-1]
+    return mask

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +106,16 @@ def test_contours_beside_points_only(tmp_path: Path) -> None:
     assert volume.shape[0] == 3 and [label.name for label in volume.labels or ()] == [NAMES[0], NAMES[2]]
     sizes = np.bincount(np.asarray(volume.samples).ravel())[[1, 3]] * np.prod(volume.spacing)
     np.testing.assert_allclose(sizes, 36 * np.sin(2 * np.pi / 72) * 9 * np.array([400, 300]), rtol=0.01)
+
+
+def test_a_point_far_away_takes_no_time(tmp_path: Path) -> None:
+    """Contours are filled in the box around each, not in all of a grid of 30 million voxels."""
+    contours = [(n, "CLOSED_PLANAR", circle(6, z)) for n in (1, 2) for z in (0.0, 3.0, 6.0)]
+    contours[3][2][5, 1] = 4e6
+    path = structures(tmp_path / "rt.dcm", contours)
+    started = time.process_time()
+    volume = sg.load(path)
+    assert volume.count > 1e7 and time.process_time() - started < 1
 
 
 @pytest.mark.parametrize("degrees", [(90, 0), (0, 90), (20, -35)])
