@@ -229,3 +229,14 @@ def test_a_parametric_map_has_the_values_of_its_mapping(tmp_path: Path) -> None:
     volume = sg.load(tmp_path / "a.dcm")
     np.testing.assert_array_equal(volume.samples, BYTES * 0.5 - 3)
     assert (volume.value_unit, volume.notes) == ("mm2/s", ())
+
+
+@pytest.mark.parametrize("photometric", ["MONOCHROME1", "MONOCHROME2"])
+def test_frames_of_one_bit(photometric: str, tmp_path: Path, rng: np.random.Generator) -> None:
+    """Of 35 bits each, so that they begin at any bit of a byte; of MONOCHROME1 zero is bright."""
+    masks = rng.integers(0, 2, (9, 5, 7)).astype(np.uint8)
+    data = image(masks, BitsAllocated=1, BitsStored=1, HighBit=0, PhotometricInterpretation=photometric)
+    data.PixelData = np.packbits(masks.ravel(), bitorder="little").tobytes()
+    save(data, tmp_path / "a.dcm")
+    samples = np.asarray(sg.load(tmp_path / "a.dcm").samples)
+    assert np.array_equal(samples, 1 - masks if photometric == "MONOCHROME1" else masks)
