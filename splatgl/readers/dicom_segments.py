@@ -48,8 +48,8 @@ CLOSED = ("CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
 # mm by which points of a contour leave its plane, by which contours of a plane differ, and the cosine of planes that
 # count as axial, coronal or sagittal
 MOST_BENT, SAME_HEIGHT, NEARLY = 0.1, 0.02, 0.9999
-# most points of contours
-MOST_POINTS = 10_000_000
+# most numbers of contours, and most rows that the edges of a plane cross
+MOST_POINTS, MOST_CROSSED = 10_000_000, 2**23
 
 
 @dataclass(frozen=True)
@@ -353,17 +353,23 @@ def _fill_contours(contours: Sequence[np.ndarray], grid: PlaneGrid) -> np.ndarra
     """bool [H, W]: voxels whose centre an odd number of contours [N, 2] encloses, so that inner contours are holes."""
     # in voxels, within the box around all of them
     outlines = [(points - np.array(grid.origin[:2])) / np.array(grid.spacing[:2]) for points in contours]
-    ends = np.ceil([pick([pick(points, axis=0) for points in outlines], axis=0) for pick in (np.min, np.max)])
+    (x0, y0), (x1, y1) = (
+        np.concatenate(outlines).T,
+        np.concatenate([np.roll(points, -1, axis=0) for points in outlines]).T,
+    )
+    ends = np.ceil([[pick(x0), pick(y0)] for pick in (np.min, np.max)])
     (left, top), (right, bottom) = np.clip(ends, 0, grid.shape[:0:-1]).astype(np.int64).tolist()
     crossed = np.zeros((bottom - top, right - left + 1), bool)
-    for start in outlines:
-        for (x0, y0), (x1, y1) in zip(start, np.roll(start, -1, axis=0), strict=True):
-            first, last = (int(np.clip(np.ceil(y), top, bottom)) for y in sorted((y0, y1)))
-            at = np.arange(first, last)
-            if len(at):
-                x = x0 + (at - y0) * (x1 - x0) / (y1 - y0)
-                columns = np.clip(np.ceil(x), left, right).astype(np.int64) - left
-                np.logical_xor.at(crossed, (at - top, columns), True)
+    # a place for each row that an edge crosses
+    first, last = (np.ceil(pick(y0, y1)).clip(top, bottom).astype(np.int64) for pick in (np.minimum, np.maximum))
+    counts = last - first
+    if counts.sum() > MOST_CROSSED:
+        raise expected("contours", f"at most {MOST_CROSSED} crossings of rows in a plane", counts.sum())
+    edge = np.repeat(np.arange(len(counts)), counts)
+    rows = np.arange(len(edge)) - (np.cumsum(counts) - counts - first)[edge]
+    x = x0[edge] + (rows - y0[edge]) * (x1 - x0)[edge] / (y1 - y0)[edge]
+    columns = np.ceil(x).clip(left, right).astype(np.int64)
+    np.logical_xor.at(crossed, (rows - top, columns - left), True)
     mask = np.zeros(grid.shape[1:], bool)
     mask[top:bottom, left:right] = np.logical_xor.accumulate(crossed, axis=1)[:, :-1]
     return mask

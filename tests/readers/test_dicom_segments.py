@@ -12,6 +12,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.data.volume import Label
 from splatgl.errors import InputError
+from splatgl.readers import dicom_segments
 
 pytest.importorskip("pydicom", reason="writes the files; it is in the extra dicom")
 from tests.fuzz.seed_dicom import image, save
@@ -108,7 +109,7 @@ def test_contours_beside_points_only(tmp_path: Path) -> None:
     np.testing.assert_allclose(sizes, 36 * np.sin(2 * np.pi / 72) * 9 * np.array([400, 300]), rtol=0.01)
 
 
-def test_a_point_far_away_takes_no_time(tmp_path: Path) -> None:
+def test_a_point_far_away_takes_no_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Contours are filled in the box around each, not in all of a grid of 30 million voxels."""
     contours = [(n, "CLOSED_PLANAR", circle(6, z)) for n in (1, 2) for z in (0.0, 3.0, 6.0)]
     contours[3][2][5, 1] = 4e6
@@ -116,6 +117,9 @@ def test_a_point_far_away_takes_no_time(tmp_path: Path) -> None:
     started = time.process_time()
     volume = sg.load(path)
     assert volume.count > 1e7 and time.process_time() - started < 1
+    monkeypatch.setattr(dicom_segments, "MOST_CROSSED", 1000)
+    with pytest.raises(InputError, match="at most 1000 crossings of rows in a plane"):
+        sg.load(path)
 
 
 @pytest.mark.parametrize("degrees", [(90, 0), (0, 90), (20, -35)])
