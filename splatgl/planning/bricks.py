@@ -422,12 +422,12 @@ class MemoryEstimate:
 def needed_together(needs: Sequence[MemoryEstimate]) -> MemoryEstimate:
     """The memory of a picture of several channels, which share its samples and all that one volume needs beside."""
     samples = needs[0].samples
-    own = sum(need.bytes - PROCESS - _bytes_of_samples(samples) for need in needs)
+    own = sum(need.bytes - PROCESS - bytes_of_samples(samples) for need in needs)
     totals = {name: sum(getattr(need, name) for need in needs) for name in ("splats", "most", "waiting")}
     return MemoryEstimate(bytes=own + PROCESS + SAMPLE * samples, samples=samples, **totals)
 
 
-def _bytes_of_samples(count: int) -> int:
+def bytes_of_samples(count: int) -> int:
     """Bytes of the samples of a picture of one volume without bricks."""
     return (SAMPLE - OPEN_SHEETS) * count + OPEN_SHEETS * min(count, BAND)
 
@@ -440,7 +440,7 @@ def estimate_need(bricks: Bricks, pixels: int, enough: int) -> MemoryEstimate:
     volume = bricks.volume
     mapped = isinstance(volume.samples, np.ndarray) and is_mapped(volume.samples)
     there = 0 if mapped else volume.count * volume.samples.dtype.itemsize
-    other = PROCESS + _bytes_of_samples(pixels) + there
+    other = PROCESS + bytes_of_samples(pixels) + there
     size = np.array(volume.shape[::-1])
     # a layer across the volume, as thick as a brick's diagonal, of which half is drawn on average
     layer = int(np.sort(size)[1:].prod() * min(SIDE, int(size.min())))

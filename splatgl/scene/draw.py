@@ -321,30 +321,29 @@ def _drawn_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
     """Draws brick by brick a picture that needs more than --memory, or more splats than one pass holds; None for
     others. Layers of a blend without an order are drawn apart, and their pictures joined.
     """
-    from splatgl.planning.bricks import bricks_of, excess_bricks
+    from splatgl.planning.bricks import excess_need
 
     camera, most, parts = scene.camera, budget(), scene.parts
-    excesses = [excess_bricks(volume, look, own, camera, least) for volume, look, own, least in parts]
-    need = next((excess[1] for excess in excesses if excess is not None), None)
-    bricks = [bricks_of(volume, look, own) for volume, look, own, least in parts if not least]
-    if need is None or len(bricks) < len(parts) or None in bricks:
+    needs = (excess_need(bricks, bricks.samples(camera, settings), most) for bricks, settings in parts)
+    need = next(filter(None, needs), None)
+    if need is None:
         return None
     fix = "give more --memory, or a part of the volume"
     how.check_supported("bricks", f"a picture that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
     images = []
     with how.renderer() as renderer, progress_bar("brick", scene.is_quiet) as progress:
-        for whole, (volume, _, settings, _) in zip(filter(None, bricks), parts, strict=True):
+        for whole, settings in parts:
             # refuses what bricks cannot draw, before memory that is too little for it
             plan = renderer.plan_bricks(whole, camera, settings)
-            fitted, bands = whole.fitted(camera, settings, most)
+            bricks, bands = whole.fitted(camera, settings, most)
             if not scene.is_quiet:
                 reason = f"{need}, together more than {format_bytes(most)}"
                 if need.bytes <= most:
                     reason = f"up to about {need.most:,} splats exceed the limit of one pass"
-                name = f"{volume.name}: " * (len(parts) > 1)
-                print(f"{name}{reason}: drawn in {len(fitted.low):,} bricks, nearest first")
-            images.append(renderer.draw_bricks(fitted, camera, plan, progress, bands=bands))
-    return images[0] if len(images) < 2 else _join(images, [volume.name for volume, *_ in parts], scene.settings)
+                name = f"{whole.volume.name}: " * (len(parts) > 1)
+                print(f"{name}{reason}: drawn in {len(bricks.low):,} bricks, nearest first")
+            images.append(renderer.draw_bricks(bricks, camera, plan, progress, bands=bands))
+    return images[0] if len(images) < 2 else _join(images, [bricks.volume.name for bricks, _ in parts], scene.settings)
 
 
 def _join(images: Sequence[Image], names: Sequence[str], settings: Settings) -> Image:
@@ -374,7 +373,7 @@ def _picture(scene: OpenScene | SubjectView, how: DrawOptions) -> Image:
     image, limits = None, tuple[str, ...]()
     if isinstance(scene, OpenScene):
         image = _drawn_in_bricks(scene, how)
-        scene = scene if image else scene.within_limits()
+        scene = scene if scene.parts else scene.within_limits()
         limits = scene.limits
     if image is None:
         with how.open_early() as opening:

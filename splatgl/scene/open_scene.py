@@ -36,7 +36,7 @@ from splatgl.transfer.transfer import Transfer
 if TYPE_CHECKING:
     from splatgl.geometry.camera import Bounded, Camera
     from splatgl.geometry.clipping import Plane
-    from splatgl.planning.bricks import MemoryEstimate
+    from splatgl.planning.bricks import Bricks, MemoryEstimate
     from splatgl.planning.scene import Layer, Scene
     from splatgl.splat.splats import Splats
 
@@ -212,19 +212,25 @@ class OpenScene:
         subject = AnnotatedSubject.of(self.volume, self.legend[0], layers)
         return replace(subject, scales=scales, empty=is_empty, measures=self.file.measures)
 
-    @property
-    def parts(self) -> list[tuple[Volume, Transfer, Settings, float]]:
-        """Volume, transfer function, settings and threshold of what is drawn apart: of a single volume, or of each
-        layer of a blend without an order; none of others.
+    @cached_property
+    def parts(self) -> list[tuple[Bricks, Settings]]:
+        """Bricks and settings of what is drawn apart: a single volume, or each layer of a blend without an order; none
+        of scenes that bricks cannot draw.
         """
-        settings, scene = self.settings, None if self.is_single else self.scene
-        if scene is None:
-            return [(self.volume, self.transfer, settings, self.file.threshold)]
-        if settings.hides or scene.surfaces(settings):
+        from splatgl.planning.bricks import bricks_of
+
+        settings = self.settings
+        if self.is_single:
+            looks = [(self.volume, self.transfer, settings, self.file.threshold)]
+        elif settings.hides or self.scene.surfaces(settings):
             return []
-        looks = [replace(settings, clip=(*settings.clip, *planes), background=None) for planes in scene.planes]
-        shown = zip(scene.shown, looks, strict=True)
-        return [(layer.volume, layer.seen, look, layer.threshold) for layer, look in shown]
+        else:
+            cut = [replace(settings, clip=(*settings.clip, *planes), background=None) for planes in self.scene.planes]
+            shown = zip(self.scene.shown, cut, strict=True)
+            looks = [(layer.volume, layer.seen, own, layer.threshold) for layer, own in shown]
+        made = [(None if least else bricks_of(volume, look, own), own) for volume, look, own, least in looks]
+        parts = [(bricks, own) for bricks, own in made if bricks is not None]
+        return parts if len(parts) == len(looks) else []
 
     @property
     def names(self) -> tuple[str, ...]:

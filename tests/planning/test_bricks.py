@@ -32,6 +32,7 @@ from splatgl.readers import chunked, ome_zarr
 from splatgl.readers.chunked import Chunked
 from splatgl.reference.check import check_bricks, compare_sample
 from splatgl.reference.renderer import reachable, reachable_of, render_pixels
+from splatgl.splat.hidden_interior import BLOCK
 from splatgl.splat.kernels import kernel
 from splatgl.splat.settings import Settings
 from splatgl.splat.sheets import Sheets
@@ -255,9 +256,9 @@ def test_some_blocks_of_a_brick_have_the_records_of_all(rng: np.random.Generator
             return (low[:, 0] < 20) & (high[:, 2] > 9) & (low[:, 1] + low[:, 2] < 40)
 
         shown = bricks.shown(brick, is_visible)
-        place = (whole["position"] - low) // bricking.BLOCK
+        place = (whole["position"] - low) // BLOCK
         some = whole[shown[place[:, 2], place[:, 1], place[:, 0]]]
-        assert shown.shape == tuple(-(-(high - low) // bricking.BLOCK)[::-1]) and (not low[0]) == shown.any()
+        assert shown.shape == tuple(-(-(high - low) // BLOCK)[::-1]) and (not low[0]) == shown.any()
         assert bricks.records(brick, shown).tobytes() == some.tobytes()
         assert len(some) < len(whole)
 

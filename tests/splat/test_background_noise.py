@@ -106,7 +106,7 @@ def test_maxima_begin_above_noise(smooth: bool, begins: float) -> None:
     """Where objects fill a tenth of the volume, too. Tissue, of which neighbours are alike, is no noise."""
     noise, place = np.random.default_rng(7).normal(size=(32, 64, 64)), np.indices((32, 64, 64))
     if smooth:
-        noise = sum(np.roll(noise, shift, axis) for shift in range(4) for axis in (1, 2))
+        noise = np.sum([np.roll(noise, shift, axis) for shift in range(4) for axis in (1, 2)], axis=0)
         noise = (noise - noise.mean()) / noise.std()
     ball = 600 * np.exp(-(((place - 20) / 8.0) ** 2).sum(axis=0))
     volume, mip = Volume((100 + 6 * noise + ball).astype(np.float32)), sg.Settings(blend="mip")

@@ -11,7 +11,7 @@ import pytest
 import splatgl as sg
 from splatgl.data.volume import subsample
 from splatgl.fileio import PROCESS
-from splatgl.planning.bricks import EACH, SAMPLE
+from splatgl.planning.bricks import EACH, bytes_of_samples
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
@@ -33,9 +33,8 @@ def volume() -> sg.Volume:
 
 def allow(splats: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Room for so many splats, and little more."""
-    monkeypatch.setattr(
-        adaptive_quality, "budget", lambda: int(PROCESS + SAMPLE * adaptive_quality.PIXELS + (EACH + 4) * splats)
-    )
+    room = PROCESS + bytes_of_samples(adaptive_quality.PIXELS) + (EACH + 4) * splats
+    monkeypatch.setattr(adaptive_quality, "budget", lambda: int(room))
 
 
 def test_what_fits_is_shown_whole(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
