@@ -73,7 +73,8 @@ def test_settings_choose_the_splats(
     own = sg.extract(volume, TRANSFER, classification=how, kernel=drawn[1])
     assert own.source is None and image.info["splats"] == len(own)
     same = renderer.render(own, camera, settings.replace(classification="auto"))
-    assert np.array_equal(same.pixels, image.pixels)
+    # records of maxima have no gradients, whose bytes are the last ones of other texels
+    assert np.allclose(same.pixels, image.pixels, rtol=0, atol=1e-4 if name == "mip" else 0)
     right = sg.reference.render(splats, camera, settings)
     assert right.info["classification"] == drawn[0] and right.info["splats"] == len(own)
 

@@ -377,7 +377,7 @@ def test_layers_of_more_splats_than_a_pass_holds(
         return
     assert parts.info["layers"] == whole.info["layers"] and int(str(parts.info["bricks"])) > 1
     assert not any("limit" in note for note in parts.notes)
-    np.testing.assert_allclose(parts.pixels, whole.pixels, atol=2e-6 * whole.pixels.max())
+    np.testing.assert_allclose(parts.pixels, whole.pixels, atol=1e-4 * whole.pixels.max())
     checked = parts.accuracy.checked
     assert checked is not None and float(str(checked["largest"])) < 1e-4 * parts.pixels.max()
 

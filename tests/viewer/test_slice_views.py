@@ -393,7 +393,8 @@ def test_slices_are_shown_moved_and_hidden(window: Window) -> None:
     # beside them, the mouse turns the view
     assert window.drag(1, (100, 100), (140, 80))["axes"] != told["axes"]
     assert window.key("shift+z")["slices"]["colored"] and np.ptp(window.shot()[:, 300:].astype(int), axis=2).max() > 20
-    # what is seen is saved, with annotations and without
+    # what is seen is saved, with annotations and without, but for the crosshair at the cursor
+    assert not window.key("shift+y")["slices"]["linked"]
     for key in ("b", "j"):
         assert window.key(key)["settings"]["blend"] == "xray"
         # but for a handle at the rim of the panes
