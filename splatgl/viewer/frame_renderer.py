@@ -14,6 +14,7 @@ from splatgl.annotations.bars import shorten_label
 from splatgl.annotations.text import Overlay, Path, Text, draw_overlay, text_box
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError, error_text
 from splatgl.geometry.camera import Camera
 from splatgl.geometry.clipping import Plane
 from splatgl.gl.renderer import Renderer
@@ -119,8 +120,9 @@ class FrameRenderer:
         self.fresh = False
         self.white = 1.0
         self.overlay: Overlay | None = None
-        # of the pinned picture
+        # of the pinned picture, and why there is none
         self.overlay_beside: Overlay | None = None
+        self.not_beside = ""
         # lines of text, and their corner
         self.words: tuple[str, ...] = ()
         # lower end of the texts at the upper left, pixels
@@ -197,10 +199,17 @@ class FrameRenderer:
     def _draw_pinned(
         self, pinned: PinnedView, camera: Camera, level: PreviewLevel, interrupted: Ask | None
     ) -> np.ndarray:
-        """Pixels of what is pinned, at a level, without motion blur; an X-ray relative to its brightest."""
+        """Pixels of what is pinned, at a level, without motion blur; an X-ray relative to its brightest. Clear if it
+        cannot be drawn from here, for the reason that is written over it.
+        """
         settings = level.settings(pinned.still)
-        matter, settings = pinned.document.subject_at(level.stride, settings)
-        image = self.renderer.render(matter, camera, settings, verify_bound=False, interrupted=interrupted)
+        self.not_beside = ""
+        try:
+            matter, settings = pinned.document.subject_at(level.stride, settings)
+            image = self.renderer.render(matter, camera, settings, verify_bound=False, interrupted=interrupted)
+        except InputError as error:
+            self.not_beside = error_text(error)
+            return np.zeros((*camera.size[::-1], 4), np.float32)
         return image.pixels * np.float32(1.0 / image.white)
 
     def write(self, state: State, document: Document, scale: float, busy: str | None, note: str) -> bool:
@@ -228,7 +237,10 @@ class FrameRenderer:
             if not moving and state.hud == "short":
                 self.corner = self._free(Text(self.words), state, scale)
         wanted = self._overlay(state, document, scale, note)
-        pinned = None if state.beside is None else replace(wanted, texts=(Text((state.beside.name,)),), paths=())
+        pinned = None
+        if state.beside is not None:
+            reason = textwrap.wrap(self.not_beside, _column(state.pose.camera.size, scale))
+            pinned = replace(wanted, texts=(Text((state.beside.name, *reason)),), paths=())
         if (wanted, pinned) == (self.overlay, self.overlay_beside):
             return False
         self.overlay, self.overlay_beside = wanted, pinned

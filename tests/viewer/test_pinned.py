@@ -10,8 +10,10 @@ import pytest
 
 import splatgl as sg
 from splatgl.scene.scene_file import SceneFile
+from splatgl.viewer.adaptive_quality import FULL
 from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document
+from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.saving import compose_screenshot, save_picture
 from splatgl.viewer.state import History, PinnedView, State
 from tests.helpers.blobs import blob
@@ -46,6 +48,20 @@ def test_what_is_pinned_stays(file: Path) -> None:
     assert edited.opened(document).beside is pinned.beside
     assert replace(edited, compare="split").beside is None
     assert PIN(edited, document)[0].pinned is None
+
+
+def test_what_is_pinned_hinders_no_picture(file: Path, renderer: sg.Renderer) -> None:
+    """Where it cannot be drawn, its side is clear, with the reason; nothing else is refused."""
+    document = Document.open(SceneFile(str(file)))
+    for stride in (4, 2, 1):
+        document.extract(stride)
+    painter, camera = FrameRenderer.__new__(FrameRenderer), State.of(document, (32, 24)).pose.camera
+    painter.renderer = renderer
+    for align, reason in (("ray", "quads can draw"), ("auto", "")):
+        pinned = PinnedView(document, sg.Settings(align=align, compositing="sheets"))
+        pixels = painter._draw_pinned(pinned, camera, FULL, None)
+        assert pixels.shape == (24, 32, 4) and bool(pixels.any()) != bool(reason)
+        assert (reason in painter.not_beside) and bool(painter.not_beside) == bool(reason)
 
 
 @pytest.mark.parametrize("blends", [("composite", "mip"), ("xray", "composite"), ("composite", "xray")])
