@@ -258,15 +258,16 @@ class OpenScene:
         """
         from splatgl.splat.splats import MOST_KEPT
 
-        excess, less = self._excess(), self
+        less, excess = self, self._excess()
         if excess is None:
             return self
         name, need = excess
-        while less.halvings < MOST_HALVINGS and less._excess() is not None:
+        while excess is not None and less.halvings < MOST_HALVINGS:
             less = replace(less, halvings=less.halvings + 1)
+            excess = less._excess()
         # the budget varies, which files must not
         fits = need.bytes <= budget()
-        if less._excess() is None:
+        if excess is None:
             side, most = 2**less.halvings, f"takes at most {MOST_KEPT:,} splats" if fits else "fits into --memory"
             note = f"voxels of layers averaged over {side}×{side}×{side}, so that each {most} {LIMITED}"
             return replace(less, limits=(note,))
