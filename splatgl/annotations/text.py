@@ -144,7 +144,8 @@ def text_box(text: Text, size: tuple[int, int], scale: float) -> tuple[int, int,
     elif "bottom" in text.corner:
         top = size[1] - height - block.pad
     else:
-        top += text.above
+        # over the other text where there is no room below it
+        top = max(min(top + text.above, size[1] - height - block.pad), top)
     return left, top, left + width, top + height
 
 

@@ -1,4 +1,4 @@
-"""What nibabel reads: NIfTI, Analyze and MGH; MINC 1 and 2, AFNI and Philips' PAR/REC, in RAS and millimetres.
+"""Files that nibabel reads: NIfTI, Analyze, MGH, MINC 1 and 2, AFNI and Philips' PAR/REC, in RAS and millimetres.
 
 Analyze files state no orientation: nibabel takes x from right to left, as SPM does. NIfTI pairs have the same endings.
 

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.annotations.text import legible, plain
+from splatgl.annotations.text import legible, plain, text_box
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.kernels import KERNELS
 from splatgl.splat.splats import in_parts
@@ -275,6 +275,15 @@ def test_a_message_stands_below_the_axes_of_a_narrow_picture(document: Document)
         state = replace(State.of(document, (width, 480)), annotate=("axes", "scale"), message="light matte")
         (text,) = painter._overlay(state, document, scale, "").texts
         assert least <= text.above <= 1.2 * least
+
+
+def test_a_message_is_seen_over_texts_that_fill_the_picture(document: Document) -> None:
+    """So that nobody waits for a picture that is refused without seeing why."""
+    painter, size = FrameRenderer.__new__(FrameRenderer), (240, 480)
+    painter.words, painter.corner, painter.frame = ("a line of all that is known",) * 90, "top left", None
+    state = replace(State.of(document, size), hud="full", annotate=("axes",), message="light matte")
+    words, message = painter._overlay(state, document, 1.0, "").texts
+    assert text_box(words, size, 1.0)[3] > size[1] - 20 and text_box(message, size, 1.0)[3] <= size[1]
 
 
 def test_a_click_is_handled_before_it_is_shown(document: Document, monkeypatch: pytest.MonkeyPatch) -> None:
