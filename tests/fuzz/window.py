@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import TextIO
 
 import numpy as np
+from PIL import ImageGrab
 
 ROOT = Path(__file__).resolve().parents[2]
 DRAG_SOURCE = ROOT / "tests" / "helpers" / "drag_source.py"
@@ -42,6 +43,8 @@ KEYS = (*LETTERS, *NAMED.split(), "greater", "question", "plus", "minus", *HELD.
 WARM, GROWTH, RESTS = 600, 1.05, 40
 # presses of Escape that end all that may be open or go on, and seconds between them: each ends one thing of a frame
 ESCAPES, APART = 8, 0.5
+# seconds after which a key answers the question whether edits are saved before another file is opened
+ANSWERED = 5.0
 # seconds without an answer to a key after which the window hangs, on a busy machine, too, and for which a picture at
 # rest has been refined
 HANGS, STILL = 300.0, 3.0
@@ -143,9 +146,12 @@ class Session:
         return f"drop {[path.name for path in paths]}"
 
     def rested(self) -> float:
-        """Megabytes held while the first file is shown at rest, with the settings of a scene of it."""
-        scene = self.folder / "rest.toml"
-        scene.write_text(f"volume = {json.dumps(str(self.files[0].resolve()))}\n")
+        """Megabytes held while the first file, by a name of its own, is shown at rest as a scene without settings."""
+        name = f"rest{len(self.done)}"
+        volume = self.folder / f"{name}{''.join(self.files[0].suffixes)}"
+        volume.symlink_to(self.files[0].resolve())
+        scene = self.folder / f"{name}.toml"
+        scene.write_text(f"volume = {json.dumps(str(volume))}\n")
         # ends what turns, plays, is open or is being read
         for _ in range(ESCAPES):
             self.hands("key", "Escape")
@@ -153,14 +159,18 @@ class Session:
         self.hands("windowsize", self.identity, 640, 480)
         command = [sys.executable, str(DRAG_SOURCE), self.identity, str(scene)]
         subprocess.run(command, env=self.environment, timeout=HANGS, check=False)
-        end, since = time.monotonic() + HANGS, time.monotonic()
-        # the picture before may be refined, too; what is given up is freed at rest
+        end, since, answered = time.monotonic() + HANGS, time.monotonic(), time.monotonic()
+        # what is given up is freed at rest
         while time.monotonic() - since < STILL and self.window.poll() is None:
             time.sleep(0.2)
-            if "refined" not in self.hands("getwindowname", self.identity):
+            title = self.hands("getwindowname", self.identity)
+            if not (title.startswith(f"{name} ") and "refined" in title):
                 since = time.monotonic()
+            if name not in title and since - answered > ANSWERED:
+                self.hands("key", "Return")
+                answered = since
             if time.monotonic() > end:
-                raise subprocess.TimeoutExpired("a refined picture", HANGS)
+                raise subprocess.TimeoutExpired(f"a refined picture; the title is {title.strip()!r}", HANGS)
         self.done.append("rest")
         return self.megabytes
 
@@ -168,6 +178,10 @@ class Session:
     def megabytes(self) -> float:
         """Memory that the window's process holds."""
         return int(Path(f"/proc/{self.window.pid}/statm").read_text().split()[1]) * PAGE / 2**20
+
+    def look(self, picture: Path) -> None:
+        """Writes what the screen shows."""
+        ImageGrab.grab(xdisplay=self.environment["DISPLAY"]).save(picture)
 
     def end(self) -> str:
         """Ends the window and its display; returns what it wrote to the standard error."""
@@ -195,6 +209,7 @@ def run(files: Sequence[Path], seed: int, seconds: float, folder: Path, log: Tex
                 # a drop into nothing waits for an answer
                 break
             wrong.append(f"hangs after {session.done[-5:]}: {error}")
+            session.look(Path(f"hangs-{seed}.png"))
             session.window.send_signal(signal.SIGABRT)
             session.window.wait(HANGS)
             break
