@@ -20,6 +20,7 @@ from splatgl.errors import USER_ERRORS, error_text, expected
 from splatgl.fileio import check_output, overwrites, write_file
 from splatgl.geometry.camera import Camera
 from splatgl.gl.screen import Stroke
+from splatgl.gl.target import Interrupted
 from splatgl.planning.scene import Scene
 from splatgl.scene.draw import finish
 from splatgl.scene.meshes import MeshFile
@@ -209,16 +210,24 @@ def _save_picture(
     return f"saved {target.name}" + ": of this size without what is beside the picture" * (beside and not is_whole)
 
 
-def save_scene(state: State, document: Document, draw: Draw, folder: Path) -> str:
-    """Writes the next free scene-NNN.toml and the float image next to it; returns the message to show."""
+def save_scene(state: State, document: Document, draw: Draw, folder: Path, has_picture: bool = True) -> str:
+    """Writes the next free scene-NNN.toml, then the float image of it beside it; returns the message to show. A picture
+    that fails or is interrupted leaves the scene, which has the edits.
+    """
     target, scene = free_path(folder, "scene", ".toml"), scene_of(state, document)
     document = document.with_styles(state.styles, state.mesh_files, state.settings)
-    if not document.exceeds_budget:
-        render_scene(scene, document, draw).save(target.with_suffix(".npy"))
     write_file(target, scene.to_toml(target.parent).encode())
     if document.exceeds_budget:
         return f"saved {target.name}: {RENDERED}"
-    return f"saved {target.with_suffix('.npy').name} and {target.name}"
+    picture = target.with_suffix(".npy")
+    try:
+        if has_picture:
+            render_scene(scene, document, draw).save(picture)
+    except Interrupted:
+        return f"saved {target.name}; {picture.name} is cancelled"
+    except USER_ERRORS as error:
+        return f"saved {target.name}, without {picture.name}: {error_text(error)}"
+    return f"saved {f'{picture.name} and ' if has_picture else ''}{target.name}"
 
 
 def copy_text(

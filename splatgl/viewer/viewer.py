@@ -19,6 +19,7 @@ from splatgl.animation.animation import MOVIES
 from splatgl.data.image import Image
 from splatgl.errors import USER_ERRORS, error_text, missing_extra
 from splatgl.fileio import budget
+from splatgl.geometry.camera import Camera
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen, ScreenMarks
 from splatgl.gl.target import Interrupted
@@ -168,9 +169,9 @@ class Viewer:
         self.inputs, self.touched = 0, self.now()
         # when a frame in preparation looked for events
         self.polled = self.touched
-        # when the text was written, and the frame that is drawn was begun
+        # when the text was written, and what is drawn was begun; what that is, while it takes long
         self.told = self.begun = self.touched
-        self.is_refining = False
+        self.drawing = ""
         self.closed, self.dirty = False, 1
         self.failed: BaseException | None = None
         arrangement = WindowLayout.of(os.environ)
@@ -492,12 +493,12 @@ class Viewer:
             # quick previews need no portions
             is_slow = level == 0 or self.refiner.pace.expected(level) > WAITED
             interrupted = partial(self._is_interrupted, inputs, level == 0) if is_slow else None
-            self.begun, self.is_refining = self.now(), level == 0
+            self.begun, self.drawing = self.now(), "refining" if level == 0 else ""
             try:
                 with checked(self._check_closing):
                     frame = self.painter.draw(self.state, self.document, LADDER[level], blurs, interrupted)
             finally:
-                self.is_refining = False
+                self.drawing = ""
             self.clear_message(PICTURE)
             self.dirty = max(self.dirty, 1 + frame.full)
             return wanted, frame.full
@@ -551,8 +552,8 @@ class Viewer:
         note = self.painter.compared(self.state, self.reference)
         note = f"recording {running.target.name}: {running.text}" if running else note
         self.told = self.now()
-        refining = f"refining, {self.told - self.begun:.0f} s" if self.is_refining else None
-        doing = self.busy or self.pending_reason or refining
+        drawing = f"{self.drawing}, {self.told - self.begun:.0f} s" if self.drawing else None
+        doing = self.busy or self.pending_reason or drawing
         if self.painter.write(self.state, self.document, self.window.scale, doing, note):
             self.refresh()
         if self.dirty:
@@ -762,7 +763,9 @@ class Viewer:
             case WindowRequest.CANCEL:
                 self._cancel()
             case WindowRequest.SAVE_PICTURE:
-                self._save("picture", partial(save_picture, folder=folder, add=self._composed), False)
+                self._save(
+                    "picture", partial(save_picture, folder=folder, add=partial(self._composed, self.state)), False
+                )
             case WindowRequest.SAVE_SCENE:
                 self._save("scene", partial(save_scene, folder=folder), True)
             case WindowRequest.SAVE_AS:
@@ -790,7 +793,7 @@ class Viewer:
                     self._replace(effect)
             case LeaveDocument(opens, saves):
                 if saves:
-                    self.perform_one(WindowRequest.SAVE_SCENE)
+                    self._save("scene", partial(save_scene, folder=folder, has_picture=False), True)
                 if not (saves and self.history.has_unsaved_edits(self.state)):
                     self._replace(opens)
             case WindowRequest.RECORD:
@@ -877,15 +880,42 @@ class Viewer:
             self.say(error_text(error))
 
     def _save(self, name: str, save: Any, is_scene: bool) -> None:
-        """Saves, and shows the message. name: of what is saved; is_scene: whether edits are saved by it."""
-        self.say(f"saving {name}")
+        """Saves, and shows the message; a picture is cancelled by the escape key, or by closing the window. name: of
+        what is saved; is_scene: whether edits are saved by it.
+        """
+        # events meanwhile change the window, not what is saved
+        state, self.drawing, self.begun = self.state, f"saving {name}", self.now()
+        self.say(f"{self.drawing}; escape cancels")
         self.show()
-        message, done = try_save(lambda: save(self.state, self.document, self.renderer.render))
+        try:
+            with checked(self._check_saving):
+                message, done = try_save(lambda: save(state, self.document, self._draw_saved))
+        except Interrupted:
+            message, done = f"the {name} is not saved: cancelled", True
+        finally:
+            self.drawing = ""
+        # it has cancelled the picture
+        self.effects = [effect for effect in self.effects if effect is not WindowRequest.CANCEL]
         self.say(message if done else "")
         if not done:
             self.ask(tell_error(message), message)
         elif is_scene:
-            self.history.mark_saved(self.state)
+            self.history.mark_saved(state)
+
+    def _draw_saved(self, subject: Any, camera: Camera, settings: Settings) -> Image:
+        """A picture that is saved."""
+        return self.renderer.render(subject, camera, settings, interrupted=self._cancels_saving)
+
+    def _cancels_saving(self) -> bool:
+        """Polls events; returns whether a picture that is saved is cancelled."""
+        return self._is_interrupted(self.inputs, is_full=False) or WindowRequest.CANCEL in self.effects
+
+    def _check_saving(self) -> None:
+        """Polls events while a picture that is saved is prepared; raises Interrupted if it is cancelled."""
+        if self.now() - self.polled > POLLED:
+            self.polled = self.now()
+            if self._cancels_saving():
+                raise Interrupted
 
     def _save_as(self, path: Path, options: PictureOptions, action: SaveAction) -> None:
         """Saves under a name, copies the command that draws it, or asks for another place."""
@@ -898,21 +928,24 @@ class Viewer:
         elif path.suffix.lower() in MOVIES:
             self._record(path)
         else:
-            save = partial(save_as, target=path, add=self._composed, times=self.files.times, options=options)
+            save = partial(
+                save_as, target=path, add=partial(self._composed, self.state), times=self.files.times, options=options
+            )
             self._save(path.name, save, is_scene_name(path) and options == AS_SHOWN)
 
-    def _composed(self, image: Image) -> Image:
-        """The picture with the slices of the window and the one beside it. Raises InputError for unreadable slices."""
+    def _composed(self, state: State, image: Image) -> Image:
+        """The picture of a state with the slices of the window and the one beside it. Raises InputError for unreadable
+        slices.
+        """
         slices = None
-        if self.slices.panes(self.state, self.document, self.view):
-            marks = self.slices.complete_marks(self.state, self.document, self.view)
-            self.screen.draw(self.drawn_size, self.painter.look(self.state, self.reference))
+        if self.slices.panes(state, self.document, self.view):
+            marks = self.slices.complete_marks(state, self.document, self.view)
+            self.screen.draw(self.drawn_size, self.painter.look(state, self.reference))
             self.screen.mark(self.window.size, marks)
             slices = np.asarray(self.screen.read(self.window.size)[:, self.shown_size[0] : self.view.size[0]])
             # the next frame has the panel again
             self.refresh()
-        draw, scale = self.renderer.render, self.window.scale
-        return compose_screenshot(image, self.state, self.document, draw, scale, slices)
+        return compose_screenshot(image, state, self.document, self._draw_saved, self.window.scale, slices)
 
     def _open_dialog(self, kind: str, folder: Path, name: str) -> None:
         if not find_spec("imgui_bundle"):

@@ -20,6 +20,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.annotations.text import legible, plain, text_box
+from splatgl.gl.target import Interrupted
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.kernels import KERNELS
 from splatgl.splat.splats import in_parts
@@ -52,13 +53,27 @@ def no_memory(*_: object) -> sg.Image:
 
 def test_no_memory_is_said(document: Document, tmp_path: Path) -> None:
     state = State.of(document, SIZE)
-    for save in (save_picture, save_scene):
-        assert try_save(partial(save, state, document, no_memory, tmp_path)) == ("not enough memory", False)
+    assert try_save(partial(save_picture, state, document, no_memory, tmp_path)) == ("not enough memory", False)
     assert try_save(partial(save_as, state, document, no_memory, tmp_path / "a.png"))[0] == "not enough memory"
     done = FinishedJob(JobKind.REFERENCE, error=MemoryError())
     reference = Reference(cast(Any, SimpleNamespace(collect=lambda: [done])))
     assert reference.collect() and reference.note == "no reference: not enough memory"
     assert sorted(os.listdir(tmp_path)) == ["blob.npy"]
+
+
+@pytest.mark.parametrize("error", [MemoryError, Interrupted])
+def test_a_scene_is_saved_though_its_picture_is_not(document: Document, tmp_path: Path, error: type[Exception]) -> None:
+    """As it has the edits, which are saved with it."""
+
+    def fail(*_: object) -> sg.Image:
+        raise error
+
+    state = State.of(document, SIZE).edit(threshold=0.01)
+    message, done = try_save(partial(save_scene, state, document, fail, tmp_path))
+    assert done and message.startswith("saved scene-001.toml") and "scene-001.npy" in message
+    assert save_scene(state, document, fail, tmp_path, has_picture=False) == "saved scene-002.toml"
+    assert sorted(os.listdir(tmp_path)) == ["blob.npy", "scene-001.toml", "scene-002.toml"]
+    assert SceneFile.from_toml(tmp_path / "scene-001.toml").threshold == 0.01
 
 
 def test_too_many_splats_are_a_scene_without_a_picture(
@@ -347,7 +362,7 @@ def test_text_goes_on_while_a_picture_is_drawn(monkeypatch: pytest.MonkeyPatch) 
     view.painter = cast(Any, SimpleNamespace(compared=lambda *_: "", write=write))
     view.recorder, view.reference = cast(Any, SimpleNamespace(running=None)), cast(Any, None)
     view.state = view.document = view.panel = cast(Any, None)
-    view.effects, view.inputs, view.dirty, view.is_refining = [], 3, 0, True
+    view.effects, view.inputs, view.dirty, view.drawing = [], 3, 0, "refining"
     busy = ["extracting 7%"]
     view.told = view.now()
     for waited in (1.0, 0.0, 2.0):

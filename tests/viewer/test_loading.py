@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from splatgl.geometry.scissors import Scissors
+from splatgl.gl.renderer import Renderer
 from splatgl.scene.meshes import MeshFile, read_meshes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
@@ -24,6 +26,7 @@ from splatgl.viewer.files import Recent, Watch
 from splatgl.viewer.jobs import Extractor, FinishedJob, JobKind, Jobs
 from splatgl.viewer.loading import AddedFiles, Files, Loaded, OpenedFile, open_document
 from splatgl.viewer.measure_tool import under_cursor
+from splatgl.viewer.saving import render_scene, save_as, scene_of
 from splatgl.viewer.state import ClipState, History, State, stated_transfers
 from splatgl.viewer.viewer import CHANGED, CUTS_ENDED, LEAVING, NO_FILE, Options, Viewer
 from tests.helpers.blobs import LONGEST, SIZE, blob
@@ -448,6 +451,35 @@ def test_a_scene_is_saved_before_another_file_is_opened(
     edited.perform_one(LeaveDocument(Open((str(folder / "b.npy"),)), saves=True))
     assert edited.files.opening == "b.npy" * is_written
     all_done(edited.files)
+
+
+@pytest.mark.parametrize("event", ["escape", "close", "edit"])
+def test_a_picture_that_is_saved_can_be_cancelled(
+    edited: WithoutWindow, folder: Path, renderer: Renderer, event: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the escape key, or by closing the window: nothing is written. An edit meanwhile is not in it."""
+    before, document, target = edited.state, edited.document, folder / "a-picture.npy"
+    edited.renderer, edited.told, edited.polled = renderer, 0.0, 0.0
+    shown = list[str]()
+    monkeypatch.setattr(edited, "show", lambda: shown.append(edited.drawing))
+
+    def wait(seconds: float) -> None:
+        edited.effects += [WindowRequest.CANCEL] * (event == "escape")
+        edited.window.closing = event == "close"
+        edited.state = edited.state.edit(extinction=0.5)
+
+    edited.window.wait = wait
+    edited._save("picture", partial(save_as, target=target), True)
+    assert shown.count("saving picture") > 1 and not (edited.drawing or edited.effects)
+    if event == "edit":
+        wanted = render_scene(
+            scene_of(before, document), document.with_styles(before.styles, (), before.settings), renderer.render
+        )
+        assert np.array_equal(np.load(target), wanted.pixels)
+        # it was made after what was saved
+        assert edited.history.has_unsaved_edits(edited.state)
+    else:
+        assert not target.exists() and "cancelled" in edited.state.message
 
 
 def test_a_scene_that_changes_on_disk_loses_no_edits(edited: WithoutWindow, folder: Path) -> None:
