@@ -6,6 +6,7 @@ import ctypes
 import errno
 import io
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path, PureWindowsPath
@@ -23,6 +24,7 @@ from splatgl.readers import elsewhere as other_process
 from splatgl.readers.options import inside
 from splatgl.readers.remote import address_name, is_address
 from splatgl.scene.meshes import LOOK, split_look
+from tests.helpers.blobs import LONGEST
 from tests.helpers.other_system import HIDDEN
 
 pytestmark = pytest.mark.usefixtures("shared_programs")
@@ -38,9 +40,16 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]
 
 def run(environment: dict[str, str], *arguments: str) -> str:
     out, error = subprocess.PIPE, subprocess.STDOUT
-    told = subprocess.run([sys.executable, *arguments], env=environment, stdout=out, stderr=error, text=True)
-    assert told.returncode == 0, told.stdout
-    return told.stdout
+    # one that hangs is aborted, and says where
+    command = [sys.executable, "-X", "faulthandler", *arguments]
+    process = subprocess.Popen(command, env=environment, stdout=out, stderr=error, text=True)
+    try:
+        told = process.communicate(timeout=LONGEST)[0]
+    except subprocess.TimeoutExpired:
+        process.send_signal(signal.SIGABRT)
+        told = process.communicate()[0]
+    assert process.returncode == 0, told
+    return told
 
 
 # what Mesa answers there, versions that are requested, folders below the home folder, and words of the doctor
