@@ -43,8 +43,9 @@ KEYS = (*LETTERS, *NAMED.split(), "greater", "question", "plus", "minus", *HELD.
 WARM, GROWTH, RESTS = 600, 1.05, 40
 # presses of Escape that end all that may be open or go on, and seconds between them: each ends one thing of a frame
 ESCAPES, APART = 8, 0.5
-# seconds after which a key answers the question whether edits are saved before another file is opened
-ANSWERED = 5.0
+# seconds after which a key answers the question whether edits are saved before another file is opened, and after which
+# the file is dropped again
+ANSWERED, AGAIN = 3.0, 20.0
 # seconds without an answer to a key after which the window hangs, on a busy machine, too, and for which a picture at
 # rest has been refined
 HANGS, STILL = 300.0, 3.0
@@ -152,27 +153,35 @@ class Session:
         volume.symlink_to(self.files[0].resolve())
         scene = self.folder / f"{name}.toml"
         scene.write_text(f"volume = {json.dumps(str(volume))}\n")
-        # ends what turns, plays, is open or is being read
+        end, since, dropped = time.monotonic() + HANGS, time.monotonic(), -AGAIN
+        # what is given up is freed at rest
+        while time.monotonic() - since < STILL and self.window.poll() is None:
+            title, now = self.hands("getwindowname", self.identity), time.monotonic()
+            if not (title.startswith(f"{name} ") and "refined" in title):
+                since = now
+            if now > end:
+                raise subprocess.TimeoutExpired(f"a refined picture; the title is {title.strip()!r}", HANGS)
+            if name in title:
+                time.sleep(0.2)
+            elif now - dropped < AGAIN:
+                # answers the question whether edits are saved before
+                time.sleep(ANSWERED)
+                self.hands("key", "Return")
+            else:
+                # a busy window may have answered that by an Escape from before
+                self._show(scene)
+                dropped = time.monotonic()
+        self.done.append("rest")
+        return self.megabytes
+
+    def _show(self, scene: Path) -> None:
+        """Drops a scene file once what turns, plays, is open or is being read has ended."""
         for _ in range(ESCAPES):
             self.hands("key", "Escape")
             time.sleep(APART)
         self.hands("windowsize", self.identity, 640, 480)
         command = [sys.executable, str(DRAG_SOURCE), self.identity, str(scene)]
         subprocess.run(command, env=self.environment, timeout=HANGS, check=False)
-        end, since, answered = time.monotonic() + HANGS, time.monotonic(), time.monotonic()
-        # what is given up is freed at rest
-        while time.monotonic() - since < STILL and self.window.poll() is None:
-            time.sleep(0.2)
-            title = self.hands("getwindowname", self.identity)
-            if not (title.startswith(f"{name} ") and "refined" in title):
-                since = time.monotonic()
-            if name not in title and since - answered > ANSWERED:
-                self.hands("key", "Return")
-                answered = since
-            if time.monotonic() > end:
-                raise subprocess.TimeoutExpired(f"a refined picture; the title is {title.strip()!r}", HANGS)
-        self.done.append("rest")
-        return self.megabytes
 
     @property
     def megabytes(self) -> float:
