@@ -21,14 +21,16 @@ from jupyter_rfb import RemoteFrameBuffer
 from traitlets import Unicode
 
 from splatgl.data.image import Image
-from splatgl.errors import expected
+from splatgl.errors import InputError, expected
 from splatgl.fileio import call_within
 from splatgl.geometry.camera import Camera
 from splatgl.gl.renderer import shared_renderer
 from splatgl.options import declared, names_of, reject_unknown
 from splatgl.scene.api import TRANSFER
+from splatgl.scene.open_scene import print_lines
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.splats import MOST_KEPT
 from splatgl.transfer.presets import PRESETS
 from splatgl.transfer.statistics import statistics
 from splatgl.viewer.adaptive_quality import FULL, LADDER, REST, TARGET, InputTiming, PreviewLevel, Refiner, Wanted
@@ -62,6 +64,8 @@ class Session:
         self.level = FULL
         self.drawn: tuple[object, ...] = ()
         self.seconds = 0.0
+        # the document whose voxels cannot all be drawn at once
+        self.too_fine: Document | None = None
 
     def change(self, scene: SceneFile) -> None:
         """Draws the same volumes by other options; the camera stays. Raises InputError for bad values."""
@@ -137,13 +141,23 @@ class Session:
             self.document = self.document.refined()
             self.refiner.renew(self.document.counts, prod(self.pose.camera.size))
         started = time.perf_counter()
-        camera = self.pose.camera.resized(level.size(self.pose.camera.size))
-        settings = level.settings(self.document.scene.settings.replace(classification="auto"))
-        subject, settings = self.document.subject_at(level.stride, settings, None if level == FULL else camera.eye)
-        with shared_renderer() as renderer:
-            self.image = renderer.render(subject, camera, settings, verify_bound=False)
+        try:
+            self.image = self._render(level, 2 if level == FULL and self.document is self.too_fine else level.stride)
+        except InputError as error:
+            if level != FULL or all(layer.volume.count <= MOST_KEPT for layer in self.document.drawn_layers):
+                raise
+            print_lines([f"every second voxel is drawn, not all: {error}"])
+            self.too_fine = self.document
+            self.image = self._render(level, 2)
         self.level, self.drawn, self.seconds = level, self._wanted(), time.perf_counter() - started
         return self.drawn, level == FULL
+
+    def _render(self, level: PreviewLevel, stride: int) -> Image:
+        camera = self.pose.camera.resized(level.size(self.pose.camera.size))
+        settings = level.settings(self.document.scene.settings.replace(classification="auto"))
+        subject, settings = self.document.subject_at(stride, settings, None if level == FULL else camera.eye)
+        with shared_renderer() as renderer:
+            return renderer.render(subject, camera, settings, verify_bound=False)
 
     def _place(self, event: Mapping[str, Any]) -> Place:
         return float(event.get("x", 0.0)) * self.ratio, float(event.get("y", 0.0)) * self.ratio

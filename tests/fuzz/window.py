@@ -10,6 +10,7 @@ Memory is compared where the same picture is at rest: now and then the first fil
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import random
@@ -39,8 +40,9 @@ NAMED = (
 HELD = "ctrl+z ctrl+shift+z ctrl+o ctrl+s ctrl+p ctrl+d ctrl+x ctrl+1 shift+s shift+y"
 KEYS = (*LETTERS, *NAMED.split(), "greater", "question", "plus", "minus", *HELD.split())
 # inputs after which memory is expected to be flat, as the renderer holds all the programs by then that it holds at
-# most, some 100 MB with llvmpipe; by how much it may grow from there, and how often it is measured at rest
-WARM, GROWTH, RESTS = 600, 1.05, 40
+# most, some 100 MB with llvmpipe; by how much it may grow from there, from so many rests to as many later ones; time from
+# one rest to the next, as a share of all
+WARM, GROWTH, LEAST_RESTS, REST_EVERY = 600, 1.05, 4, 1 / 40
 # presses of Escape that end all that may be open or go on, and seconds between them: each ends one thing of a frame
 ESCAPES, APART = 8, 0.5
 # seconds after which a key answers the question whether edits are saved before another file is opened, and after which
@@ -148,7 +150,7 @@ class Session:
 
     def rested(self) -> float:
         """Megabytes held while the first file, by a name of its own, is shown at rest as a scene without settings."""
-        name = f"rest{len(self.done)}"
+        name = f"rest-{self.seed}-{len(self.done)}"
         volume = self.folder / f"{name}{''.join(self.files[0].suffixes)}"
         volume.symlink_to(self.files[0].resolve())
         scene = self.folder / f"{name}.toml"
@@ -204,14 +206,29 @@ class Session:
 
 
 def run(files: Sequence[Path], seed: int, seconds: float, folder: Path, log: TextIO | None = None) -> list[str]:
-    """What went wrong in so many seconds of random input. log: gets seconds, megabytes and input."""
+    """What went wrong in so many seconds of random input; a window that a menu closed is followed by another one. log:
+    gets seconds, megabytes and input.
+    """
+    end, wrong = time.monotonic() + seconds, list[str]()
+    for number in itertools.count():
+        left = end - time.monotonic()
+        if left <= 0 or wrong:
+            return wrong
+        wrong = _run_window(files, seed + number, left, REST_EVERY * seconds, folder, log)
+    return wrong
+
+
+def _run_window(
+    files: Sequence[Path], seed: int, seconds: float, apart: float, folder: Path, log: TextIO | None
+) -> list[str]:
+    """What went wrong in one window. apart: seconds from one rest to the next."""
     session = Session(files, seed, folder)
     begun, memory, wrong = time.monotonic(), [], []
     rests: list[tuple[int, float]] = []
     while (gone := time.monotonic() - begun) < seconds and session.window.poll() is None:
         try:
             session.once()
-            if gone > len(rests) * seconds / RESTS:
+            if gone > len(rests) * apart:
                 rests.append((len(session.done), session.rested()))
         except subprocess.TimeoutExpired as error:
             if session.window.poll() is not None:
@@ -226,7 +243,8 @@ def run(files: Sequence[Path], seed: int, seconds: float, folder: Path, log: Tex
             memory.append((gone, session.megabytes))
             if log is not None:
                 print(f"{gone:.1f} {memory[-1][1]:.0f} {session.done[-1]}", file=log, flush=True)
-    if not wrong and session.window.poll() is not None:
+    ended = "closed by a menu, " if session.window.poll() == 0 else ""
+    if session.window.poll() and not wrong:
         wrong.append(f"ended with {session.window.returncode} after {session.done[-5:]}")
     said = session.end()
     if wrong or "Traceback" in said:
@@ -234,14 +252,14 @@ def run(files: Sequence[Path], seed: int, seconds: float, folder: Path, log: Tex
     warm = [size for inputs, size in rests if inputs > WARM]
     half = len(warm) // 2
     told = "too short for memory"
-    if half:
+    if half >= LEAST_RESTS:
         earlier, later = statistics.median(warm[:half]), statistics.median(warm[half:])
         most = max(size for _, size in memory)
         told = f"at rest {earlier:.0f} then {later:.0f} MB, {most:.0f} at most"
-        print(" ".join(f"{size:.0f}" for _, size in rests))
         if later > GROWTH * earlier:
             wrong.append(f"memory grows: {told}")
-    print(f"seed {seed}: {len(session.done)} inputs in {gone:.0f} s, {told}, {len(wrong)} faults", flush=True)
+    print(" ".join(f"{size:.0f}" for _, size in rests))
+    print(f"seed {seed}: {len(session.done)} inputs in {gone:.0f} s, {ended}{told}, {len(wrong)} faults", flush=True)
     return wrong
 
 

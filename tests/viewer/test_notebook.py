@@ -81,6 +81,26 @@ def test_previews_of_cut_volumes_have_an_inside() -> None:
     assert np.abs(preview - session.picture().pixels).max() < 0.2
 
 
+def test_more_voxels_than_can_be_drawn_are_every_second_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And a line says so, once; a few voxels that cannot be drawn are refused."""
+    samples = np.random.default_rng(0).random((40, 40, 40), np.float32)
+    scene = scene_of(sg.Volume(samples), None, None, None, {"blend": "minip", "size": (32, 32)})
+    session, wanted = Session(scene), Session(scene)
+    for name in ("planning.resolve", "viewer.notebook"):
+        monkeypatch.setattr(f"splatgl.{name}.MOST_KEPT", 30000)
+    for turned in (0.0, 5.0):
+        drag(session, turned, 0)
+        pixels = session.picture().pixels
+    drag(wanted, 5.0, 0)
+    assert np.array_equal(pixels, wanted._render(FULL, 2).pixels)
+    assert capsys.readouterr().err.count("every second voxel is drawn, not all: splats: expected at most") == 1
+    monkeypatch.setattr("splatgl.viewer.notebook.MOST_KEPT", 70000)
+    with pytest.raises(sg.InputError, match="splats: expected at most"):
+        Session(scene).picture()
+
+
 def test_files_are_opened_within_the_budget(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
     monkeypatch.setattr(show, "in_notebook", lambda: True)
