@@ -40,8 +40,8 @@ NAMED = (
 HELD = "ctrl+z ctrl+shift+z ctrl+o ctrl+s ctrl+p ctrl+d ctrl+x ctrl+1 shift+s shift+y"
 KEYS = (*LETTERS, *NAMED.split(), "greater", "question", "plus", "minus", *HELD.split())
 # inputs after which memory is expected to be flat, as the renderer holds all the programs by then that it holds at
-# most, some 100 MB with llvmpipe; by how much it may grow from there, from so many rests to as many later ones; time from
-# one rest to the next, as a share of all
+# most, some 100 MB with llvmpipe; by how much it may grow from there, from so many rests to as many later ones; time
+# from one rest to the next, as a share of all
 WARM, GROWTH, LEAST_RESTS, REST_EVERY = 600, 1.05, 4, 1 / 40
 # presses of Escape that end all that may be open or go on, and seconds between them: each ends one thing of a frame
 ESCAPES, APART = 8, 0.5
