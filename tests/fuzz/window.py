@@ -39,9 +39,9 @@ NAMED = (
 )
 HELD = "ctrl+z ctrl+shift+z ctrl+o ctrl+s ctrl+p ctrl+d ctrl+x ctrl+1 shift+s shift+y"
 KEYS = (*LETTERS, *NAMED.split(), "greater", "question", "plus", "minus", *HELD.split())
-# inputs after which memory is expected to be flat, as the renderer holds all the programs by then that it holds at
-# most, some 100 MB with llvmpipe; by how much it may grow from there, from so many rests to as many later ones; time
-# from one rest to the next, as a share of all
+# inputs after which memory is expected to be flat, beside a third of the rests: the renderer holds all the programs by
+# then that it holds at most, some 100 MB with llvmpipe, and libraries of movies and dialogs are loaded; by how much it
+# may grow from there, from so many rests to as many later ones; time from one rest to the next, as a share of all
 WARM, GROWTH, LEAST_RESTS, REST_EVERY = 600, 1.05, 4, 1 / 40
 # presses of Escape that end all that may be open or go on, and seconds between them: each ends one thing of a frame
 ESCAPES, APART = 8, 0.5
@@ -249,7 +249,7 @@ def _run_window(
     said = session.end()
     if wrong or "Traceback" in said:
         wrong.append(said)
-    warm = [size for inputs, size in rests if inputs > WARM]
+    warm = [size for inputs, size in rests[len(rests) // 3 :] if inputs > WARM]
     half = len(warm) // 2
     told = "too short for memory"
     if half >= LEAST_RESTS:
