@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from difflib import get_close_matches
@@ -119,6 +120,8 @@ class Palette:
 
 # spellings that are searched as others
 SPELLINGS = {"color": "colour", "gray": "grey", "center": "centre", "-": " "}
+# share of letters that a word has in common with a misspelt one
+NEAR = 0.7
 
 
 def _spelled(text: str) -> str:
@@ -147,8 +150,9 @@ def find_commands(text: str, commands: Iterable[Command]) -> list[Command]:
 
 def nearest_word(text: str) -> str:
     """A question for a word that finds commands, if one is nearly the typed one; else ""."""
-    words = {word for command in COMMANDS for word in _spelled(f"{command.title} {command.words}").split()}
-    near = get_close_matches(_spelled(text), sorted(words), 1)
+    # shorter ones are near to anything
+    words = {word for each in COMMANDS for word in re.findall(r"\w{3,}", _spelled(f"{each.title} {each.words}"))}
+    near = get_close_matches(_spelled(text), sorted(words), 1, NEAR)
     return f" Did you mean {near[0]}?" if near else ""
 
 
