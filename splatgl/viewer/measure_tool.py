@@ -18,7 +18,7 @@ from splatgl.splat.splats import Splats
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import JobKind, Jobs
-from splatgl.viewer.segments import segment_name
+from splatgl.viewer.segments import value_text
 from splatgl.viewer.state import State
 from splatgl.viewer.trackball import Place, Pointer, Tool, Viewport
 
@@ -95,17 +95,20 @@ def describe_pick(pick: Picked | None, document: Document) -> tuple[str, ...]:
     if pick is None:
         return (_nothing(document),)
     unit = document.volume.unit
-    place = ", ".join(f"{number:.4g}" for number in pick.place)
+    # zeros have no sign
+    place = ", ".join(f"{number + 0.0:.4g}" for number in pick.place)
     if pick.mesh is not None:
         return (pick.name or "mesh", f"at {place}{' ' + unit if unit else ''}")
-    index = ", ".join(f"{number:.0f}" for number in pick.index)
+    volume = document.drawn_layers[pick.layer].volume
+    # the box reaches half a voxel further
+    index = np.clip(np.rint(pick.index), 0, np.array(volume.shape[::-1]) - 1).astype(int).tolist()
     style = [style for style in document.styles if style.is_shown][pick.layer]
     name = style.title or (pick.name if len(document.drawn_layers) > 1 else "")
-    segment = segment_name(style, document.drawn_layers[pick.layer].volume, pick.value)
+    value = value_text(style, volume, pick.value, index)
     return (
-        f"{name or 'value'}: {pick.value:.6g}{', ' * bool(segment)}{segment}",
+        f"{name or 'value'}: {value}",
         f"at {place}{' ' + unit if unit else ''}",
-        f"voxel {index}",
+        f"voxel {', '.join(map(str, index))}",
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
@@ -84,6 +84,16 @@ def segment_name(style: LayerStyle, volume: Volume, value: float) -> str:
     """The name of the segment that a value of a layer numbers; "" if it has none."""
     names = (*style.names, *((label.number, label.name) for label in volume.labels or ()))
     return next((name for number, name in names if number == value), "")
+
+
+def value_text(style: LayerStyle, volume: Volume, value: float, index: Sequence[int]) -> str:
+    """A value of a layer, and the name of its segment, its unit or, of colours, the red, green and blue of a voxel.
+    index: of the voxel, (x, y, z).
+    """
+    more = segment_name(style, volume, value) or volume.value_unit
+    if isinstance(volume.color, np.ndarray):
+        more = "of rgb " + ", ".join(map(str, volume.color[tuple(index)[::-1]]))
+    return f"{value:.6g} {more}".rstrip()
 
 
 def with_name(style: LayerStyle, number: int, name: str) -> LayerStyle:

@@ -18,7 +18,7 @@ from splatgl.geometry.camera import Camera
 from splatgl.geometry.slices import ANATOMY, SlicePainter, SlicePlane, world_axes
 from splatgl.gl.screen import LineColor, ScreenMarks, Sprite, Stroke
 from splatgl.viewer.jobs import JobKind, Jobs
-from splatgl.viewer.segments import segment_name
+from splatgl.viewer.segments import value_text
 from splatgl.viewer.slice_planes import (
     STRAIGHT,
     Turn,
@@ -346,8 +346,7 @@ def slice_values(state: State, document: Document, most: int, point: np.ndarray 
         place = np.rint(np.linalg.solve(part.world_from_index, point - np.asarray(part.origin))).astype(int)
         is_inside = (place >= 0).all() and (place < part.shape[::-1]).all()
         if is_inside and isinstance(part.samples, np.ndarray):
-            sample = part.samples[tuple(place[::-1])]
-            text = f"{sample:.6g} {segment_name(style, part, sample) or part.value_unit}".rstrip()
+            text = value_text(style, part, part.samples[tuple(place[::-1])], place)
             name, room = style.title or layer.name, most - len(text) - 2
             name = name if len(name) <= room else f"{name[: max(room - 1, 1)]}…"
             texts.append(text if len(shown) < 2 else f"{name}: {text}")

@@ -14,7 +14,8 @@ from splatgl.annotations.text import label, place_label
 from splatgl.annotations.world_lines import measure_text
 from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
-from splatgl.errors import InputError
+from splatgl.errors import InputError, InputWarning
+from splatgl.reference.depth_pick import Picked
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import angles
 from splatgl.viewer.commands import TURN, Copy, name_of, with_settings
@@ -62,6 +63,17 @@ def test_the_value_under_the_cursor(document: Document) -> None:
     cut = replace(state, settings=state.settings.replace(clip=[(1.0, 0.0, 0.0, 12.0)]))
     deeper = under_cursor(cut, document, (80.5, 29.5))
     assert deeper is not None and deeper.place[0] == pytest.approx(12.0, abs=0.3)
+
+
+def test_voxels_of_colours_are_read_with_them(tmp_path: Path) -> None:
+    """Positions that round to zero have no sign; outside of the outermost centres, voxels are the outermost."""
+    colors = np.zeros((3, 4, 5, 3), np.uint8)
+    colors[0, 0, 4] = 10, 20, 30
+    np.save(tmp_path / "rgb.npy", colors)
+    with pytest.warns(InputWarning):
+        document = Document.open(SceneFile(str(tmp_path / "rgb.npy")))
+    lines = describe_pick(Picked((4.5, -0.0, -0.2), (4.5, -0.0, -0.2), 20.0, 1.0, "rgb", 0), document)
+    assert lines == ("value: 20 of rgb 10, 20, 30", "at 4.5, 0, -0.2", "voxel 4, 0, 0")
 
 
 def test_the_cursor_is_read_in_a_thread(document: Document) -> None:

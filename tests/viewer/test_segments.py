@@ -193,7 +193,7 @@ def test_the_value_under_the_cursor_says_the_name(document: Document, state: Sta
     assert corners is not None
     looked = replace(state, pose=state.pose.fitted(corners))
     lines = describe_pick(under_cursor(looked, document, (SIZE[0] / 2, SIZE[1] / 2)), document)
-    assert lines[0] == "value: 2, Left kidney"
+    assert lines[0] == "value: 2 Left kidney"
 
 
 @pytest.mark.long
