@@ -41,6 +41,7 @@ MOVES = {code: f"{name}_arrow" if name in ARROWS else name for code, name in COD
 MOVES |= {342: "left_alt", 348: "menu"}
 # and those used by text fields; letters are for ctrl+A, C, V, X, Z
 KEYS = {**MOVES, 259: "backspace", 261: "delete", **{ord(letter): letter.lower() for letter in "ACVXZ"}}
+TAB = 258
 # GLFW's bits of the modifier keys, left and right
 BITS = {340: 1, 344: 1, 341: 2, 345: 2, 342: 4, 346: 4}
 MODIFIERS = ((1, imgui.Key.mod_shift), (2, imgui.Key.mod_ctrl), (4, imgui.Key.mod_alt))
@@ -120,7 +121,11 @@ class Gui:
             self.focused &= self.panel.popup or imgui.is_any_item_active()
             return True
         moves = self.focused and kind == "key" and values[0] in MOVES
-        return bool(self.io.want_text_input or self.panel.popup or moves)
+        is_taken = bool(self.io.want_text_input or self.panel.popup or moves)
+        if kind == "key" and values[0] == TAB and values[1] != RELEASE and not is_taken:
+            # ImGui would begin an edit of the first field
+            self.waiting.pop()
+        return is_taken
 
     def tooltip_is_due(self, now: float) -> bool:
         """Whether the cursor has rested long enough for a tooltip, which the next frame then shows; True once."""
@@ -131,12 +136,17 @@ class Gui:
 
     def _pass_events(self) -> None:
         """Passes events to ImGui until the mouse moves after a button or the reverse: of a move and a release in one
-        frame it ignores the move, and a slider would not reach the place where the button was released.
+        frame it ignores the move, and a slider would not reach the place where the button was released. So it ignores a
+        letter whose ctrl is released in the same frame.
         """
         passed: set[str] = set()
-        while self.waiting and not (self.waiting[0][0] in MOUSE and passed & MOUSE - {self.waiting[0][0]}):
-            kind, values = self.waiting.pop(0)
-            passed.add(kind)
+        while self.waiting:
+            kind, values = self.waiting[0]
+            is_modifier = kind == "key" and values[0] in BITS
+            if (kind in MOUSE and passed & MOUSE - {kind}) or (is_modifier and "key" in passed):
+                return
+            passed.add("modifier" if is_modifier else kind)
+            self.waiting.pop(0)
             self._pass(kind, *values)
 
     def _pass(self, kind: str, *values: Any) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +29,8 @@ light lighting shading shadows ambient specular opacity transparency alpha thres
 colormap preset window level contrast brightness range histogram transfer gradient bone lung axes orientation scale
 annotation legend lut bounding measure distance ruler length angle probe pixel intensity crosshair oblique reslice mpr
 play time frame animation movie video record keyframe quality
+drop rename width hounsfield mask draw documentation options dpi resolution figure tiff loop interpolation
+blending grayscale invert flip gallery session pan
 """
 
 
@@ -41,7 +45,7 @@ def found(words: str) -> list[str]:
 
 def test_words_of_the_field_find_commands() -> None:
     words = FIELD.split()
-    assert len(words) == len(set(words)) >= 123
+    assert len(words) == len(set(words)) >= 170
     assert not [word for word in words if not found(word)]
 
 
@@ -64,13 +68,16 @@ def test_titles_come_before_other_words() -> None:
         "color map gray": "colormap-gray",
         "mip": "blend-mip",
         "isosurface": "section-iso-surfaces",
+        "window level": "section-look",
+        "lut": "colormap-airways",
     }
     assert {words: found(words)[0] for words in first} == first
 
 
 def test_a_misspelt_word_is_answered() -> None:
     assert found("zomm") == [] and panel.nearest_word("zomm") == " Did you mean zoom?"
-    assert panel.nearest_word("qqqqq") == ""
+    assert panel.nearest_word("qqqqq") == panel.nearest_word("magma") == ""
+    assert panel.nearest_word("postrior") == " Did you mean posterior?"
 
 
 def test_rows_of_menus_tell_what_is_on_and_what_does_nothing(tmp_path: Path) -> None:
@@ -93,3 +100,20 @@ def test_choices_are_commands(tmp_path: Path) -> None:
     state = acted(acted(State.of(document, (64, 48)), "preset-ct-bones", document), "colormap-hot", document)
     assert state.style.base.colormap == "hot" and state.style.base.points[-1] == (1500.0, 0.99)
     assert acted(state, "blend-mip", document).settings.blend == "mip"
+
+
+def test_keys_that_the_panel_does_not_take_begin_no_edit() -> None:
+    """Tab, which shows the panel, does not go to its first field; a letter has the ctrl that is held while it comes."""
+    from splatgl.viewer.imgui_backend import TAB, Gui
+
+    got: list[tuple[str, tuple[int, ...]]] = []
+    gui: Any = SimpleNamespace(
+        waiting=[], owed=0, focused=False, _pass=lambda kind, *values: got.append((kind, values))
+    )
+    gui.io, gui.panel = SimpleNamespace(want_text_input=False), SimpleNamespace(popup=False)
+    assert not Gui.event(gui, "key", TAB, 1, 0) and gui.waiting == []
+    gui.focused = True
+    assert Gui.event(gui, "key", TAB, 1, 0) and len(gui.waiting) == 1
+    gui.waiting = [("key", (341, 1, 0)), ("key", (65, 1, 2)), ("key", (341, 0, 2)), ("key", (65, 0, 0))]
+    Gui._pass_events(gui)
+    assert got == [("key", (341, 1, 0)), ("key", (65, 1, 2))] and len(gui.waiting) == 2
