@@ -117,7 +117,7 @@ class Gui:
             return covered
         if kind == "key" and values[:2] == (ESCAPE, PRESS) and (self.panel.popup or self.focused):
             # one thing at a time: a list, an edit, the keys in the panel
-            self.panel.closes = self.panel.popup
+            self.panel.closes = len(imgui.get_current_context().open_popup_stack)
             self.focused &= self.panel.popup or imgui.is_any_item_active()
             return True
         moves = self.focused and kind == "key" and values[0] in MOVES

@@ -363,8 +363,8 @@ class Panel:
         self.place = (0.0, 0.0, 0.0, 0.0)
         # title of the section that the next frame opens
         self.section = ""
-        # whether a list is open, and whether it is to close
-        self.popup = self.closes = False
+        # whether a list is open, and how many are, one from the other, if the last one is to close
+        self.popup, self.closes = False, 0
         # whether keys go through the widgets of what is open, and whether they are to begin in the panel
         self.takes_moves = self.focusing = False
 
@@ -381,10 +381,10 @@ class Panel:
         room: width and height at whose right end the panel stands, screen units. docked: it is as high as the room,
         else it lies over the picture.
         """
-        # a click may have closed the list meanwhile
-        if self.closes and imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
-            imgui.internal.close_popup_to_level(0, True)
-        self.closes = False
+        # a click, or ImGui, may have closed the list meanwhile
+        if 0 < self.closes <= len(imgui.get_current_context().open_popup_stack):
+            imgui.internal.close_popup_to_level(self.closes - 1, True)
+        self.closes = 0
         if document.is_empty:
             state = draw_start(state, document, self.widgets, self.recent, room)
             self._end()

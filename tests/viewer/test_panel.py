@@ -20,6 +20,8 @@ pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISS
 # places in a window of 600 × 585 pixels: the fields of the extinction and of the threshold, and lists
 EXTINCTION, THRESHOLD, COLORS = (463, 166), (400, 191), (450, 116)
 PRESET, FIRST, SHIFT = (450, 91), (350, 80), (463, 501)
+# the list of sizes of the dialog that saves
+SIZES = (350, 278)
 # seconds that the cursor rests before a tooltip
 TOOLTIP = 0.4
 # the list of shapes and its first one; two places of the strip of colours, without a point
@@ -98,6 +100,12 @@ def test_escape_closes_a_list(panel: Window) -> None:
     assert panel.key("?")["help"] and not panel.key("escape")["help"]
     told = panel.key("escape")
     assert not told["closed"] and told["panel"]
+    # of a dialog, its list first
+    assert panel.key("ctrl+s")["dialog"]
+    pointed(panel, *SIZES)
+    panel.hands("click", 1)
+    panel.ask("settle")
+    assert panel.key("escape")["dialog"] and not panel.key("escape")["dialog"]
 
 
 @pytest.mark.long
