@@ -35,15 +35,17 @@ class SaveDialog:
         self.folder, self.name, self.form, self.note = Path(), "", FORMATS[0], ""
         # of SIZES and BACKGROUNDS
         self.by = self.background = 0
-        self.screen = self.pixels = (1, 1)
+        self.screen = self.whole = self.pixels = (1, 1)
         self.width, self.dpi = "85mm", float(PRINT_DPI)
         self.has_annotations = True
 
-    def open(self, proposed: Path, size: tuple[int, int]) -> None:
-        """Shows the dialog from the next frame on. proposed: another file; size: of the picture on the screen."""
+    def open(self, proposed: Path, size: tuple[int, int], beside: int = 0) -> None:
+        """Shows the dialog from the next frame on. proposed: another file; size: of the picture on the screen; beside:
+        the width of the slices and of the pinned picture at its right.
+        """
         self.folder, self.name, self.opening, self.note = proposed.parent.resolve(), proposed.stem, True, ""
         self.pixels = size if self.pixels == self.screen else self.pixels
-        self.screen = size
+        self.screen, self.whole = size, (size[0] + beside, size[1])
 
     @property
     def path(self) -> Path:
@@ -115,6 +117,8 @@ class SaveDialog:
     def _describe_size(self) -> str:
         """The pixels of the picture, or why there are none."""
         options = self.options
+        if SIZES[self.by] == ON_SCREEN:
+            return f"{self.whole[0]} × {self.whole[1]} pixels"
         try:
             view = ViewOptions(size=options.size or self.screen, width=options.width, dpi=options.dpi)
         except USER_ERRORS as error:

@@ -924,7 +924,7 @@ class Viewer:
             self._open_dialog(SAVE, path.parent, path.name)
         elif action is SaveAction.COPY:
             self.window.copy(copy_text(Copy.COMMAND, self.state, self.document, options, path.name))
-            self.say("command copied: it draws this picture")
+            self.say("command copied: it draws this picture" + ", without what is beside it" * (self._beside > 0))
         elif path.suffix.lower() in MOVIES:
             self._record(path)
         else:
@@ -947,12 +947,17 @@ class Viewer:
             self.refresh()
         return compose_screenshot(image, state, self.document, self._draw_saved, self.window.scale, slices)
 
+    @property
+    def _beside(self) -> int:
+        """The width of the pinned picture and of the slices, pixels."""
+        return self.drawn_size[0] - self.size[0] + self.view.size[0] - self.shown_size[0]
+
     def _open_dialog(self, kind: str, folder: Path, name: str) -> None:
         if not find_spec("imgui_bundle"):
             self.say(str(missing_extra("the file dialog", "imgui-bundle", "gui")))
         elif kind == SAVE_PICTURE:
             self.open_panel()
-            self.panel.panel.saving.open(folder / name, self.size)
+            self.panel.panel.saving.open(folder / name, self.size, self._beside)
         else:
             self.dialogs.open(kind, folder.resolve(), name, self._browser)
 

@@ -106,7 +106,8 @@ def test_the_save_dialog_says_what_is_saved(tmp_path: Path) -> None:
     from splatgl.viewer.dialogs import BACKGROUNDS, SaveDialog
 
     dialog = SaveDialog()
-    dialog.open(tmp_path / "picture-001.png", (320, 240))
+    dialog.open(tmp_path / "picture-001.png", (320, 240), 80)
+    assert dialog._describe_size() == "400 × 240 pixels"
     assert dialog.path == tmp_path / "picture-001.png" and dialog.options == AS_SHOWN
     for name, form, right in (("fig.1", ".tif", "fig.1.tif"), ("a.NPY", ".png", "a.NPY"), ("a.mp4", ".png", "a.mp4")):
         dialog.name, dialog.form = name, form
