@@ -903,6 +903,7 @@ TICKS: dict[str, Callable[[State], bool]] = {
     **{f"blend-{name}": _is("settings.blend", name) for name in choices()["blend"]},
     **{f"colormap-{name}": _is("style.base.colormap", name) for name in CORE},
     **{name: _is_annotated(name) for name in ANNOTATIONS},
+    "annotations": lambda state: any(row.default and _is_annotated(row.name)(state) for row in ANNOTATIONS.values()),
     "handles": lambda state: state.cuts.shown,
     "large-slice": lambda state: state.slices.shown and state.slices.large is not None,
     "cuts": lambda state: state.cuts.any and state.cuts.active,
@@ -921,7 +922,9 @@ TICKS: dict[str, Callable[[State], bool]] = {
 }
 # whether a command, or those whose names begin with a word, do something; all others always do
 ENABLED: dict[str, Callable[[State, Document], bool]] = {
-    **dict.fromkeys(("preset", "colormap"), lambda state, document: curve_of(state, document) is not None),
+    "preset": lambda state, document: curve_of(state, document) is not None,
+    "colormap": lambda state, document: (layer := curve_of(state, document)) is not None and layer.volume.color is None,
+    "legend": lambda state, document: len(state.styles) > 1 or bool(state.style.base.labels),
     "segments": lambda state, document: bool(state.style.base.labels),
     "threshold": lambda state, document: not state.settings.needs_values,
     "cuts": lambda state, document: state.cuts.any,

@@ -512,7 +512,10 @@ class Panel:
             base = self.gallery.draw(style.stated, layer.stored, stats)
             # a preset leaves the surfaces
             base = base if base.iso == style.stated.iso else replace(base, iso=style.stated.iso)
+            # colours of a file stay
+            imgui.begin_disabled(layer.volume.color is not None)
             base = _colors(base, stats)
+            imgui.end_disabled()
             state = state if base == style.stated else state.edit(base=base, extinction=1.0)
         changed, factor = imgui.slider_float(
             label_left("opacity"), state.style.extinction, *EXTINCTION, "x %.3g", logarithmic

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from splatgl.errors import InputWarning
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.commands import COMMANDS, ENABLED, TICKS, WORDS, is_enabled, is_ticked
 from splatgl.viewer.document import Document
@@ -87,12 +88,23 @@ def test_rows_of_menus_tell_what_is_on_and_what_does_nothing(tmp_path: Path) -> 
     state = State.of(document, (64, 48))
     commands = {command.id: command for command in COMMANDS}
     off = {name for name, command in commands.items() if not is_enabled(command, state, document)}
-    assert {"uncut", "cuts", "play", "segments-show", "straighten-slices"} <= off
+    assert {"uncut", "cuts", "play", "segments-show", "straighten-slices", "legend"} <= off
+    assert is_ticked(commands["annotations"], state)
+    assert not is_ticked(commands["annotations"], acted(state, "annotations", document))
     assert not off & {"preset-ct-bone", "plane", "undo"}
     assert is_ticked(commands["blend-composite"], state) and not is_ticked(commands["slices"], state)
     state = acted(acted(state, "slices", document), "plane", document)
     assert is_enabled(commands["uncut"], state, document) and is_ticked(commands["slices"], state)
     assert is_ticked(commands["cuts"], state) and TICKS.keys() & names
+
+
+def test_colours_of_a_file_have_no_colour_map(tmp_path: Path) -> None:
+    np.save(tmp_path / "rgb.npy", np.zeros((4, 4, 4, 3), np.uint8))
+    with pytest.warns(InputWarning):
+        document = Document.open(SceneFile(str(tmp_path / "rgb.npy")))
+    state = State.of(document, (64, 48))
+    off = {command.id for command in COMMANDS if not is_enabled(command, state, document)}
+    assert {"colormap-hot", "colorbar"} <= off and "preset-ct-bone" not in off
 
 
 def test_choices_are_commands(tmp_path: Path) -> None:
