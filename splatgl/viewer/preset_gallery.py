@@ -78,9 +78,16 @@ class PresetGallery:
             clicked = imgui.image_button(f"##{name}", imgui.ImTextureRef(texture.glo), size)
         if active:
             imgui.pop_style_color()
-        show_tip(PRESETS[name].about)
+            if imgui.is_window_appearing():
+                imgui.set_scroll_here_y()
         # longer names stand in two lines
-        imgui.text(name if imgui.calc_text_size(name).x <= side else "-\n".join(name.rsplit("-", 1)))
+        text = name if imgui.calc_text_size(name).x <= side else "-\n".join(name.rsplit("-", 1))
+        top, below = imgui.get_item_rect_min().y, imgui.get_item_rect_max().y
+        show_tip(
+            PRESETS[name].about,
+            around=(top, below + imgui.get_text_line_height_with_spacing() + imgui.calc_text_size(text).y),
+        )
+        imgui.text(text)
         imgui.end_group()
         return clicked
 

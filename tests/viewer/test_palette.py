@@ -31,7 +31,7 @@ colormap preset window level contrast brightness range histogram transfer gradie
 annotation legend lut bounding measure distance ruler length angle probe pixel intensity crosshair oblique reslice mpr
 play time frame animation movie video record keyframe quality
 drop rename width hounsfield mask draw documentation options dpi resolution figure tiff loop interpolation
-blending grayscale invert flip gallery session pan
+blending grayscale invert flip gallery session pan svg pdf
 """
 
 

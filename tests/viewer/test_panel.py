@@ -205,7 +205,10 @@ def test_presets_are_chosen_by_their_pictures(panel: Window) -> None:
     panel.hands("click", 1)
     assert panel.ask("settle")["dialog"]
     assert panel.until(lambda told: told["pictures"] == len(PRESETS))["points"] == before["points"]
+    # it begins with the active one
     pointed(panel, *FIRST)
+    panel.hands("click", "--repeat", 40, 4)
+    panel.ask("settle")
     panel.hands("click", 1)
     chosen = panel.until(lambda told: not told["dialog"])
     assert chosen["points"] == [list(point) for point in preset("ct-bone", Volume(blob().samples)).points]
