@@ -808,7 +808,7 @@ MENUS: dict[str, tuple[tuple[Command, ...], ...]] = {
 WORDS = {
     "open": "load import drop file data volume dataset recent stack dicom",
     "add-layer": "layer overlay mesh model label labels segmentation merge load import",
-    "save-as": "export write picture image figure tiff svg pdf dpi resolution width publish movie state session project",
+    "save-as": "export write picture image figure tiff svg pdf dpi resolution width publish state session project",
     "screenshot": "export picture capture snapshot write",
     "save": "export state project write",
     "copy-command": "clipboard script macro shell console reproduce",
