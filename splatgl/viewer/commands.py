@@ -162,9 +162,16 @@ class Command:
     group: int = 0
 
     def __call__(self, state: State, document: Document) -> tuple[State, tuple[Effect, ...]]:
-        """The next state, and what the window has to do."""
+        """The next state, and what the window has to do; nothing but a message without the file that it needs."""
+        if document.is_empty and self.id not in WITHOUT_FILE:
+            return replace(state, message=NO_FILE), ()
         result = self.run(replace(state, message=""), document)
         return (result[0], result[1:]) if isinstance(result, tuple) else (result, ())
+
+
+# in an empty window, and the commands that need no file
+NO_FILE = "no file is open: drop one, or press ctrl+o"
+WITHOUT_FILE = {"open", "add-layer", "quit", "theme", "fullscreen", "palette", "help", "close"}
 
 
 def _request(effect: Effect) -> Run:
@@ -943,6 +950,8 @@ def is_ticked(command: Command, state: State) -> bool:
 
 def is_enabled(command: Command, state: State, document: Document) -> bool:
     """Whether a command does something in a state."""
+    if document.is_empty:
+        return command.id in WITHOUT_FILE
     rule = ENABLED.get(command.id) or ENABLED.get(command.id.partition("-")[0])
     return rule is None or rule(state, document)
 

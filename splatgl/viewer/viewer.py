@@ -43,6 +43,7 @@ from splatgl.viewer.clip_tool import leaves_nothing, set_cuts
 from splatgl.viewer.commands import (
     AS_SHOWN,
     COMMANDS,
+    NO_FILE,
     Command,
     Copy,
     CopyText,
@@ -91,15 +92,6 @@ from splatgl.viewer.window import Window
 # screen units of the first window
 SIZE = (1024, 768)
 OTHER = "the picture before"
-# in an empty window, and the effects that need a file there
-NO_FILE = "no file is open: drop one, or press ctrl+o"
-NEEDS_FILE = {*Copy, *WindowRequest} - {
-    WindowRequest.CANCEL,
-    WindowRequest.QUIT,
-    WindowRequest.PALETTE,
-    WindowRequest.FOCUS,
-    WindowRequest.FORGET_RECENT,
-}
 # topics of messages, which are cleared once the topic is over
 OPENING, READING, EXTRACTING, PICTURE, COUNT = "opening", "reading", "extracting", "picture", "count"
 TOPICS = {JobKind.OPEN: OPENING, JobKind.EXTRACT: EXTRACTING}
@@ -238,7 +230,9 @@ class Viewer:
     def shown_size(self) -> tuple[int, int]:
         """Pixels of all pictures: the window without the panel and the slices."""
         width, height = self.view.size
-        return max(width - column_width((width, height), self.state.slices), 1), height
+        # there are no slices of a file that is not read yet
+        column = 0 if self.document.is_loading else column_width((width, height), self.state.slices)
+        return max(width - column, 1), height
 
     def remember(self) -> None:
         """Saves the window's layout and scene for the next one."""
@@ -754,9 +748,6 @@ class Viewer:
     def perform_one(self, effect: Effect) -> None:
         """Performs one effect of a command."""
         folder = self.options.folder
-        if self.document.is_empty and effect in NEEDS_FILE:
-            self.say(NO_FILE)
-            return
         match effect:
             case WindowRequest.UNDO | WindowRequest.REDO:
                 self._step(effect is WindowRequest.UNDO)

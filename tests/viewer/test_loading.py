@@ -20,7 +20,17 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES, Refiner
 from splatgl.viewer.clip_tool import set_cuts
-from splatgl.viewer.commands import LeaveDocument, Open, OpenOption, WindowRequest, ask_to_leave
+from splatgl.viewer.commands import (
+    COMMANDS,
+    NO_FILE,
+    WITHOUT_FILE,
+    LeaveDocument,
+    Open,
+    OpenOption,
+    WindowRequest,
+    ask_to_leave,
+    is_enabled,
+)
 from splatgl.viewer.document import Document
 from splatgl.viewer.files import Recent, Watch
 from splatgl.viewer.jobs import Extractor, FinishedJob, JobKind, Jobs
@@ -28,7 +38,7 @@ from splatgl.viewer.loading import AddedFiles, Files, Loaded, OpenedFile, open_d
 from splatgl.viewer.measure_tool import under_cursor
 from splatgl.viewer.saving import render_scene, save_as, scene_of
 from splatgl.viewer.state import ClipState, History, State, stated_transfers
-from splatgl.viewer.viewer import CHANGED, CUTS_ENDED, LEAVING, NO_FILE, Options, Viewer
+from splatgl.viewer.viewer import CHANGED, CUTS_ENDED, LEAVING, Options, Viewer
 from tests.helpers.blobs import LONGEST, SIZE, blob
 
 
@@ -372,8 +382,12 @@ def test_an_empty_window_waits_for_a_file(folder: Path) -> None:
     """What needs one says so; bad files do not close it, and the first takes the default settings."""
     viewer = WithoutWindow(Document.placeholder(SceneFile("")), files())
     assert viewer.document.is_empty and not Document.placeholder(SceneFile("a.npy")).is_empty and viewer.busy is None
-    viewer.perform_one(WindowRequest.SAVE_PICTURE)
-    assert viewer.said == [NO_FILE]
+    commands = {command.id: command for command in COMMANDS}
+    assert {name for name, each in commands.items() if is_enabled(each, viewer.state, viewer.document)} == WITHOUT_FILE
+    for name in ("screenshot", "plane", "slices", "help"):
+        state, effects = commands[name](viewer.state, viewer.document)
+        assert not effects and state.message == (NO_FILE if name != "help" else "")
+        assert not (state.slices.shown or state.cuts.planes)
     viewer.drop([str(folder / "missing.npy")])
     applied(viewer)
     assert not viewer.closed and viewer.document.is_empty
