@@ -13,7 +13,16 @@ from typing import Any
 import numpy as np
 
 import splatgl.annotations as package
-from splatgl.annotations.canvas import BLACK, AnnotatedSubject, Annotation, AnnotationView, Canvas, Touched, ink_on
+from splatgl.annotations.canvas import (
+    BLACK,
+    AnnotatedSubject,
+    Annotation,
+    AnnotationView,
+    Canvas,
+    Rect,
+    Touched,
+    ink_on,
+)
 from splatgl.coercion import public
 from splatgl.data.color import Color, srgb_from_linear
 from splatgl.data.figure import Figure
@@ -212,14 +221,17 @@ class LiveOverlay:
         annotate: Sequence[str],
         ground: Color = BLACK,
         blend: str = "composite",
+        above: int = 0,
     ) -> np.ndarray:
-        """uint8 [H, W, 4], sRGB with straight alpha, of the camera's size; valid until the next call.
+        """uint8 [H, W, 4], sRGB with straight alpha, of the camera's size; valid until the next call. above: the height
+        of a text at the upper left that stays free, pixels.
 
         annotate: names as of `annotated`. ground: linear RGB behind the image, for the colour of text. Sets `notes`,
         the reasons for omissions. Edges behind the box are dashed; X-rays have no colour bar. Raises InputError for
         unknown names.
         """
         names, layer = check(annotate), self._cleared(camera.size, ground)
+        layer.taken.extend([Rect(0, 0, layer.pad + 1, above)] * (above > 0))
         view = AnnotationView(subject, transfer, camera, blend)
         draw_behind(layer, view, names)
         compose(layer, view, names)

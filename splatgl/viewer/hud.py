@@ -236,6 +236,8 @@ RULER: LineColor = (1.0, 0.85, 0.3, 1.0)
 RESTING: LineColor = (0.7, 0.7, 0.7, 0.7)
 # pixels at a content scale of 1
 LINE, DOT, TIP, EDGE = 1.5, 11.0, 8.0, 6.0
+# of the short information on the frame, beside which annotations have room in pictures four times as high
+TEXT = 56.0
 
 
 class Overlays:
@@ -247,7 +249,7 @@ class Overlays:
         self.key: tuple[object, ...] = ()
         self.latest: tuple[Sprite, ...] = ()
 
-    def annotations(self, state: State, document: Document) -> tuple[Sprite, ...]:
+    def annotations(self, state: State, document: Document, scale: float = 1.0) -> tuple[Sprite, ...]:
         """Sprites of the annotations, drawn again only when their inputs change; none if the picture is too small."""
         camera, volume, meshes = state.pose.camera, document.volume, document.meshes
         names = with_time(state.annotate, volume, state.time)
@@ -256,7 +258,8 @@ class Overlays:
         valued, transfer = bar_of(state, document)
         styled = zip(document.layers, state.styles, strict=False)
         layers = [(layer.volume, style.transfer) for layer, style in styled if style.is_shown]
-        look = transfer, camera, names, background_of(state), state.settings.blend
+        above = 0 if state.hud == "off" or camera.size[1] < 4 * TEXT * scale else round(TEXT * scale)
+        look = transfer, camera, names, background_of(state), state.settings.blend, above
         key = volume, valued, meshes, state.measures, layers, *look
         if key != self.key:
             empty, scales = is_mesh(document.scene.volume), ColorScale.of(meshes)
@@ -272,7 +275,7 @@ class Overlays:
         handles, ruler, the value under the cursor (None: hidden), and those of slices.
         """
         camera, scale = state.pose.camera, view.scale
-        legend = tuple(sprite for sprite in self.annotations(state, document) if sprite.place[2] <= edge)
+        legend = tuple(sprite for sprite in self.annotations(state, document, scale) if sprite.place[2] <= edge)
         strokes = [*handle_strokes(state.cuts, document.volume, camera, scale), *lasso_strokes(state.lasso, scale)]
         lines, labels = ruler_marks(state.ruler, camera, scale), list[Sprite]()
         if state.probe and cursor is not None:

@@ -210,6 +210,10 @@ def test_what_has_not_changed_is_not_drawn_again(document: Document) -> None:
     turned = replace(state, pose=state.pose.spun(20.0, up_direction(document)))
     assert overlays.annotations(turned, document) is not first
     assert overlays.annotations(replace(state, annotate=()), document) == ()
+    # beside the information on the frame, at its corner without it
+    time = replace(state, pose=state.pose.resized((320, 240)), annotate=("time=3 h",))
+    (beside,), (corner,) = (overlays.annotations(replace(time, hud=hud), document) for hud in ("short", "off"))
+    assert min(corner.place[:2]) >= 0 and corner.place[0] < 40 > corner.place[1] and beside.place[0] > 200
 
 
 def test_sprites_are_what_is_not_clear() -> None:
