@@ -32,6 +32,8 @@ ESCAPE = 256
 MOST_FRAMES = 20
 # seconds that the cursor rests before a tooltip; frames that it takes: ImGui sees the rest, measures and draws it
 TOOLTIP, TOOLTIP_FRAMES = 0.4, 3
+# frames in which a list that opens gives the keys to its field
+FIELD_FRAMES = 3
 # events of the mouse that may not share a frame
 MOUSE = {"cursor", "button"}
 # GLFW codes of the keys that go through the panel's widgets and edit them
@@ -65,8 +67,8 @@ class Gui:
         self.owed = 2
         # when a tooltip is due, if the cursor moved over the panel
         self.tooltip_at = math.inf
-        # whether keys go through the panel's widgets
-        self.focused = False
+        # whether keys go through the panel's widgets; frames until a field that opens takes them
+        self.focused, self.until_field = False, 0
         # whose colours are set
         self.theme = ""
         with current(window.screen.ctx):
@@ -121,9 +123,10 @@ class Gui:
             self.focused &= self.panel.popup or imgui.is_any_item_active()
             return True
         moves = self.focused and kind == "key" and values[0] in MOVES
-        is_taken = bool(self.io.want_text_input or self.panel.popup or moves)
-        if kind == "key" and values[0] == TAB and values[1] != RELEASE and not is_taken:
-            # ImGui would begin an edit of the first field
+        is_taken = bool(self.io.want_text_input or self.panel.popup or self.panel.is_opening or moves)
+        is_tab = kind == "key" and values[0] == TAB and values[1] != RELEASE
+        if not is_taken and (is_tab or kind == "character"):
+            # ImGui would begin an edit of the first field, and letters would reach one that opens later
             self.waiting.pop()
         return is_taken
 
@@ -140,8 +143,11 @@ class Gui:
         letter whose ctrl is released in the same frame.
         """
         passed: set[str] = set()
+        self.until_field = FIELD_FRAMES if self.panel.is_opening else max(self.until_field - 1, 0)
         while self.waiting:
             kind, values = self.waiting[0]
+            if self.until_field and kind not in MOUSE:
+                return
             is_modifier = kind == "key" and values[0] in BITS
             if (kind in MOUSE and passed & MOUSE - {kind}) or (is_modifier and "key" in passed):
                 return

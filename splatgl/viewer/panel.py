@@ -368,6 +368,11 @@ class Panel:
         # whether keys go through the widgets of what is open, and whether they are to begin in the panel
         self.takes_moves = self.focusing = False
 
+    @property
+    def is_opening(self) -> bool:
+        """Whether the next frame opens a list or a dialog with a field, to which keys already belong."""
+        return self.palette.opening or self.saving.opening
+
     def draw(
         self,
         state: State,

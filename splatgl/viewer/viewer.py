@@ -300,8 +300,11 @@ class Viewer:
             # its own command ends a preview
             state = self.state if command.id in PREVIEWS else stop_preview(self.state)
             self.state, effects = command(state, self.document)
-            self.effects += effects
             self.touch()
+            for effect in effects:
+                # a field opens at once: the keys that follow are its own
+                has_field = effect in (WindowRequest.PALETTE, WindowRequest.SAVE_AS)
+                (self.perform_one if has_field else self.effects.append)(effect)
 
     def mouse(self, event: MouseEvent, pointer: Pointer) -> None:
         """Passes a mouse event to the tools; any but a move ends a preview."""

@@ -120,10 +120,10 @@ def test_keys_that_the_panel_does_not_take_begin_no_edit() -> None:
 
     got: list[tuple[str, tuple[int, ...]]] = []
     gui: Any = SimpleNamespace(
-        waiting=[], owed=0, focused=False, _pass=lambda kind, *values: got.append((kind, values))
+        waiting=[], owed=0, focused=False, until_field=0, _pass=lambda kind, *values: got.append((kind, values))
     )
-    gui.io, gui.panel = SimpleNamespace(want_text_input=False), SimpleNamespace(popup=False)
-    assert not Gui.event(gui, "key", TAB, 1, 0) and gui.waiting == []
+    gui.io, gui.panel = SimpleNamespace(want_text_input=False), SimpleNamespace(popup=False, is_opening=False)
+    assert not Gui.event(gui, "key", TAB, 1, 0) and not Gui.event(gui, "character", 114) and gui.waiting == []
     gui.focused = True
     assert Gui.event(gui, "key", TAB, 1, 0) and len(gui.waiting) == 1
     gui.waiting = [("key", (341, 1, 0)), ("key", (65, 1, 2)), ("key", (341, 0, 2)), ("key", (65, 0, 0))]

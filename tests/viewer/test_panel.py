@@ -113,9 +113,7 @@ def test_commands_are_found_by_their_words(panel: Window) -> None:
     """The typed letters are no shortcuts; the arrows choose, Enter runs, and the panel may be hidden."""
     for hidden in (False, True):
         before = panel.key("tab") if hidden else panel.ask("look")
-        panel.hands("key", "ctrl+p")
-        panel.ask("settle")
-        panel.hands("type", "next bl")
+        panel.hands("key", "ctrl+p", "type", "next bl")
         told = panel.ask("settle")
         assert told["dialog"] and told["settings"] == before["settings"]
         panel.hands("key", "Down", "Up")
