@@ -248,20 +248,20 @@ def _load_font() -> None:
 
 # sRGB of the panel by theme: background, fields, lines, text, and the one colour of what is active
 COLORS: dict[str, tuple[tuple[float, float, float], ...]] = {
-    "dark": ((0.11, 0.12, 0.13), (0.19, 0.2, 0.22), (0.28, 0.3, 0.33), (0.9, 0.91, 0.92), (0.33, 0.6, 0.9)),
-    "light": ((0.95, 0.95, 0.96), (0.86, 0.87, 0.88), (0.75, 0.76, 0.78), (0.1, 0.1, 0.12), (0.25, 0.52, 0.85)),
+    "dark": ((0.11, 0.12, 0.13), (0.19, 0.2, 0.22), (0.28, 0.3, 0.33), (0.9, 0.91, 0.92), (0.3, 0.55, 0.85)),
+    "light": ((0.95, 0.95, 0.96), (0.86, 0.87, 0.88), (0.75, 0.76, 0.78), (0.1, 0.1, 0.12), (0.22, 0.48, 0.82)),
 }
 # what each of these colours is for, by opacity: the accent is that of grabs and of hovered or pressed widgets
 USES: tuple[dict[float, tuple[str, ...]], ...] = (
     {1.0: ("window_bg", "title_bg", "title_bg_active", "title_bg_collapsed", "menu_bar_bg", "popup_bg")},
-    {1.0: ("frame_bg", "button", "scrollbar_grab", "tab", "checkbox_selected_bg"), 0.0: ("header", "scrollbar_bg")},
+    {1.0: ("frame_bg", "button", "scrollbar_grab", "tab", "checkbox_selected_bg"), 0.0: ("scrollbar_bg",)},
     {1.0: ("border", "separator", "frame_bg_hovered"), 0.5: ("header_hovered", "table_row_bg_alt")},
-    {1.0: ("text",), 0.5: ("text_disabled",)},
+    {1.0: ("text",), 0.65: ("text_disabled",)},
     {
         1.0: ("check_mark", "slider_grab_active", "input_text_cursor", "nav_cursor"),
-        0.8: ("button_active", "header_active", "frame_bg_active", "scrollbar_grab_active"),
-        0.6: ("slider_grab",),
+        0.6: ("slider_grab", "button_active", "header_active", "frame_bg_active", "scrollbar_grab_active"),
         0.5: ("button_hovered", "text_selected_bg", "tab_hovered", "tab_selected", "scrollbar_grab_hovered"),
+        0.3: ("header",),
     },
 )
 

@@ -100,12 +100,10 @@ def _draw_layer(state: State, number: int, style: LayerStyle, name: str) -> Stat
     show_tip("Show or hide it.")
     imgui.same_line()
     room = imgui.get_content_region_avail().x
-    imgui.push_style_color(imgui.Col_.header, imgui.get_style_color_vec4(imgui.Col_.button_hovered))
     imgui.align_text_to_frame_padding()
     shown = shorten(plain(name), room * NAME)
     if imgui.selectable(shown, state.selected == number, size=(room * NAME, 0.0))[0]:
         state = replace(state, selected=number)
-    imgui.pop_style_color()
     show_tip(f"{plain(name)}: a click selects it. Its curve or segments below, and keys, edit it.")
     edited = replace(style, visible=visible, opacity=pick_opacity(style.opacity, room))
     # for others, the colour map is chosen below

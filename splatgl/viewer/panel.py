@@ -484,7 +484,10 @@ class Panel:
         if is_wanted:
             imgui.set_next_item_open(True)
         flags = imgui.TreeNodeFlags_.default_open if is_open else 0
+        # a chosen row of a list has that colour
+        imgui.push_style_color(imgui.Col_.header, imgui.ImVec4(0.0, 0.0, 0.0, 0.0))
         shown = imgui.collapsing_header(f"{title}{of}###{title}", flags)
+        imgui.pop_style_color()
         if is_wanted:
             imgui.set_scroll_here_y(0.0)
         return shown

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Volume
 from splatgl.transfer.presets import PRESETS, preset
 from splatgl.transfer.statistics import statistics
@@ -22,6 +23,11 @@ EXTINCTION, THRESHOLD, COLORS = (463, 166), (400, 191), (450, 116)
 PRESET, FIRST, SHIFT = (450, 91), (350, 80), (463, 501)
 # the list of sizes of the dialog that saves
 SIZES = (350, 278)
+# pixels of a row of the palette
+ROW = 400 * 14
+# what texts lie on
+BACKGROUNDS = ["window_bg", "popup_bg", "button", "frame_bg", "frame_bg_hovered", "button_hovered", "tab_selected"]
+BACKGROUNDS += ["header", "header_hovered", "header_active", "button_active", "frame_bg_active", "slider_grab"]
 # seconds that the cursor rests before a tooltip
 TOOLTIP = 0.4
 # the list of shapes and its first one; two places of the strip of colours, without a point
@@ -116,7 +122,11 @@ def test_commands_are_found_by_their_words(panel: Window) -> None:
         panel.hands("key", "ctrl+p", "type", "next bl")
         told = panel.ask("settle")
         assert told["dialog"] and told["settings"] == before["settings"]
-        panel.hands("key", "Down", "Up")
+        first = panel.shot()
+        panel.hands("key", "Down", "Down", "Up")
+        panel.ask("settle")
+        # two rows change their background
+        assert (panel.shot() != first).any(axis=2).sum() > ROW
         told = panel.key("enter")
         assert not told["dialog"] and told["settings"]["blend"] == ("mip" if hidden else "xray")
 
@@ -133,6 +143,25 @@ def test_edits_are_asked_for_before_the_window_closes(panel: Window) -> None:
     panel.key("b")
     assert panel.ask("set", effects=["LEAVE"])["closed"]
     panel.ask("reset")
+
+
+def test_texts_stand_out_from_what_they_lie_on() -> None:
+    """By WCAG 2: texts 4.5, signs 3."""
+    pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
+    from splatgl.viewer.imgui_backend import COLORS, USES
+
+    def ratio(front: np.ndarray, back: np.ndarray) -> float:
+        dark, light = sorted(float(linear_from_srgb(each) @ [0.2126, 0.7152, 0.0722]) for each in (front, back))
+        return (light + 0.05) / (dark + 0.05)
+
+    for theme, colors in COLORS.items():
+        base, solid = np.array(colors[0]), dict[str, np.ndarray]()
+        for color, opacities in zip(colors, USES, strict=True):
+            for opacity, names in opacities.items():
+                solid |= {name: opacity * np.array(color) + (1 - opacity) * base for name in names}
+        ratios = {name: ratio(solid["text"], solid[name]) for name in BACKGROUNDS}
+        assert min(ratios.values()) >= 4.5, (theme, ratios)
+        assert ratio(solid["text_disabled"], base) >= 4.5 and ratio(solid["check_mark"], solid["frame_bg"]) >= 3.0
 
 
 def test_long_names_end_with_an_ellipsis() -> None:
