@@ -9,26 +9,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-# sRGB with straight alpha, and pixels at a content scale of 1
-INK, LABEL_PAPER = (255, 255, 255, 255), (0, 0, 0, 185)
-HEIGHT, PAD, LABEL_LEADING = 13, 5, 1.35
-
 Box = tuple[float, float, float, float]
+Color = tuple[int, int, int, int]
 
 
 @lru_cache(maxsize=64)
-def label(lines: tuple[str, ...], scale: float = 1.0) -> np.ndarray:
-    """uint8 [h, w, 4], sRGB, straight alpha; equal texts are one array."""
-    from PIL import Image, ImageDraw
+def label(lines: tuple[str, ...], scale: float = 1.0, light: bool = False) -> np.ndarray:
+    """uint8 [h, w, 4], sRGB, straight alpha: a text as those of an overlay; equal texts are one array."""
+    from PIL import Image
 
-    height, pad = round(HEIGHT * scale), round(PAD * scale)
-    font, step = load_font(height), round(height * LABEL_LEADING)
-    texts = [plain(line) for line in lines]
-    wide = int(np.ceil(max(map(font.getlength, texts), default=0.0))) + 2 * pad
-    picture = Image.new("RGBA", (wide, step * len(texts) + 2 * pad), LABEL_PAPER)
-    pen = ImageDraw.Draw(picture)
-    for number, line in enumerate(texts):
-        pen.text((pad, pad + number * step), line, font=font, fill=INK)
+    block = _block(lines, FONT * scale, 1)
+    picture = Image.new("RGBA", block.size)
+    _write(picture, block, (0, 0, *block.size), INKS[light][0], INKS[light][2])
     return np.asarray(picture)
 
 
@@ -43,9 +35,12 @@ def place_label(place: tuple[float, float], size: tuple[int, int], window: tuple
 
 Path = tuple[tuple[float, float], ...]
 
-# sRGB with alpha: text, its background; messages, lines and their outline
-TEXT, EDGE, PAPER = (235, 235, 235, 255), (0, 0, 0, 160), (0, 0, 0, 175)
-NOTE, LINE = (255, 214, 90, 255), (255, 214, 90, 255)
+# sRGB with alpha: text, messages and their background, over dark and over light pictures; lines and their outline
+INKS = (
+    ((235, 235, 235, 255), (255, 214, 90, 255), (0, 0, 0, 175)),
+    ((25, 25, 25, 255), (122, 70, 0, 255), (255, 255, 255, 205)),
+)
+EDGE, LINE = (0, 0, 0, 160), (255, 214, 90, 255)
 # heights in pixels at a content scale of 1
 FONT, PADDING = 13, 6
 # lines before a heading, and font heights to try for a text that has to fit
@@ -81,13 +76,15 @@ class Text:
 @dataclass(frozen=True)
 class Overlay:
     """Overlay of an image of `size` pixels; equal overlays look the same. scale: the display's content scale.
-    paths: lines through points [x, y] in pixels; a path that ends where it begins is closed.
+    paths: lines through points [x, y] in pixels; a path that ends where it begins is closed. light: whether the
+    background of the image is.
     """
 
     size: tuple[int, int]
     scale: float = 1.0
     texts: tuple[Text, ...] = ()
     paths: tuple[Path, ...] = ()
+    light: bool = False
 
 
 def draw_overlay(overlay: Overlay) -> np.ndarray:
@@ -99,8 +96,10 @@ def draw_overlay(overlay: Overlay) -> np.ndarray:
     for path in overlay.paths:
         for color, width in ((EDGE, 3), (LINE, 1)):
             pen.line(list(path), fill=color, width=max(1, round(width * overlay.scale)))
+    inks = INKS[overlay.light]
     for text in overlay.texts:
-        _write(picture, text, overlay)
+        block = _fit_block(text, overlay.size, overlay.scale)
+        _write(picture, block, text_box(text, overlay.size, overlay.scale), inks[text.note], inks[2])
     return np.asarray(picture)
 
 
@@ -158,13 +157,10 @@ class TextBlock(NamedTuple):
     size: tuple[int, int]
 
 
-def _write(picture: Any, text: Text, overlay: Overlay) -> None:
-    block = _fit_block(text, overlay.size, overlay.scale)
-    box = text_box(text, overlay.size, overlay.scale)
-    picture.paste(PAPER, box)
+def _write(picture: Any, block: TextBlock, box: tuple[int, int, int, int], ink: Color, paper: Color) -> None:
+    picture.paste(paper, box)
     for cell, x, y in block.cells:
-        place = box[0] + round(x), box[1] + y
-        picture.paste(NOTE if text.note else TEXT, place, _letters(cell, block.height))
+        picture.paste(ink, (box[0] + round(x), box[1] + y), _letters(cell, block.height))
 
 
 def _fit_block(text: Text, size: tuple[int, int], scale: float) -> TextBlock:

@@ -332,7 +332,7 @@ class FrameRenderer:
             section = plane_section(document.volume, state.pose.camera, self.frame.plan.resolved.z_k)
             polygon = tuple((round(float(x)), round(float(y))) for x, y in section)
             paths = ((*polygon, polygon[0]),) if polygon else ()
-        return Overlay(size, scale, tuple(texts), paths)
+        return Overlay(size, scale, tuple(texts), paths, hud.is_light(state))
 
 
 def _column(size: tuple[int, int], scale: float) -> int:

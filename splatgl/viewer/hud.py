@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from splatgl.annotations.annotate import LEAST_SIDE, LiveOverlay, with_time
-from splatgl.annotations.canvas import BLACK, WHITE, AnnotatedSubject, ColorScale
+from splatgl.annotations.canvas import BLACK, WHITE, AnnotatedSubject, ColorScale, ink_on
 from splatgl.annotations.text import Overlay, Text, draw_overlay, label, place_label
 from splatgl.data.color import Color
 from splatgl.data.volume import Volume
@@ -229,6 +229,11 @@ def background_of(state: State) -> Color:
     return {"white": WHITE, "checks": (GREY, GREY, GREY)}.get(state.ground, BLACK)
 
 
+def is_light(state: State) -> bool:
+    """Whether dark texts are read best on the background of the picture."""
+    return ink_on(np.array(background_of(state))) == BLACK
+
+
 # sRGB of the box, of planes, and of inactive cuts
 BOX: LineColor = (0.36, 0.72, 1.0, 0.9)
 PLANES: tuple[LineColor, ...] = ((1.0, 0.62, 0.2, 0.95), (0.45, 0.9, 0.45, 0.95), (0.95, 0.5, 0.85, 0.95))
@@ -302,11 +307,13 @@ def ruler_marks(ruler: Ruler, camera: Camera, scale: float) -> list[Stroke]:
     return [*strokes, *(Stroke(dot, dot, RULER, TIP * scale, scale) for dot in dots)]
 
 
-def readout_label(lines: tuple[str, ...], top: int, edge: float, scale: float) -> tuple[Sprite, ...]:
-    """The label of what is under the cursor, at the left below `top`, if it ends left of `edge`, pixels."""
+def readout_label(lines: tuple[str, ...], top: int, edge: float, scale: float, light: bool) -> tuple[Sprite, ...]:
+    """The label of what is under the cursor, at the left below `top`, if it ends left of `edge`, pixels. light: whether
+    the background is.
+    """
     if not lines:
         return ()
-    text, gap = label(lines, scale), round(EDGE * scale)
+    text, gap = label(lines, scale, light), round(EDGE * scale)
     high, wide = text.shape[:2]
     place = (float(gap), float(top + gap), float(gap + wide), float(top + gap + high))
     return (Sprite(text, place),) if place[2] <= edge else ()

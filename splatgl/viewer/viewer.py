@@ -65,7 +65,7 @@ from splatgl.viewer.commands import (
 from splatgl.viewer.document import Document
 from splatgl.viewer.files import ADD, OPEN, SAVE, Dialogs, Recent, WindowLayout
 from splatgl.viewer.frame_renderer import FrameRenderer
-from splatgl.viewer.hud import Overlays, help_sprite, progress_text, readout_label
+from splatgl.viewer.hud import Overlays, help_sprite, is_light, progress_text, readout_label
 from splatgl.viewer.input import InputHandler
 from splatgl.viewer.jobs import Extractor, FinishedJob, JobKind, Jobs
 from splatgl.viewer.loading import Files, Loaded, OpenedFile, ReplacedDocument
@@ -618,7 +618,8 @@ class Viewer:
         edge = self.panel.left_edge if lies_over else self.size[0]
         marks = self.overlays.marks(self.state, self.document, self.view, cursor, slices, edge)
         is_read = cursor is not None and not self.state.probe
-        texts = readout_label(self.readout.lines, self.painter.written_to, edge, self.view.scale) if is_read else ()
+        lines = self.readout.lines if is_read else ()
+        texts = readout_label(lines, self.painter.written_to, edge, self.view.scale, is_light(self.state))
         return replace(marks, labels=(*marks.labels, *texts))
 
     # --- the loop ---------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.annotations.canvas import AnnotatedSubject
-from splatgl.annotations.text import label, place_label
+from splatgl.annotations.text import Overlay, Text, draw_overlay, label, place_label, text_box
 from splatgl.annotations.world_lines import measure_text
 from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
@@ -20,7 +20,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import angles
 from splatgl.viewer.commands import TURN, Copy, name_of, with_settings
 from splatgl.viewer.document import Document
-from splatgl.viewer.hud import RULER, TIP, Overlays, crop_sprites, readout_label, ruler_marks
+from splatgl.viewer.hud import RULER, TIP, Overlays, crop_sprites, is_light, readout_label, ruler_marks
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.measure_tool import Readout, add_ruler_point, describe_pick, under_cursor
 from splatgl.viewer.saving import copy_text, draw_strokes, save_picture, save_scene
@@ -86,10 +86,10 @@ def test_the_cursor_is_read_in_a_thread(document: Document) -> None:
     assert readout.lines[0].startswith("value: ") and readout.lines[1].startswith("at 7.")
     readout.look(state, document, (80.9, 29.1))
     assert not readout.jobs.all and not readout.collect(document)
-    (shown,) = readout_label(readout.lines, 40, 200.0, 1.0)
-    assert shown.place[1] > 40 and readout_label(readout.lines, 40, 20.0, 1.0) == ()
+    (shown,) = readout_label(readout.lines, 40, 200.0, 1.0, False)
+    assert shown.place[1] > 40 and readout_label(readout.lines, 40, 20.0, 1.0, False) == ()
     readout.look(state, document, None)
-    assert readout.lines == readout_label(readout.lines, 40, 200.0, 1.0) == ()
+    assert readout.lines == readout_label(readout.lines, 40, 200.0, 1.0, False) == ()
 
 
 def test_clouds_of_points_have_no_value_there(tmp_path: Path) -> None:
@@ -198,6 +198,21 @@ def test_labels_stay_in_the_window() -> None:
     assert place_label((10.0, 10.0), (50, 20), (100, 100), 5.0) == (15, 15, 65, 35)
     assert place_label((90.0, 95.0), (50, 20), (100, 100), 5.0) == (35, 70, 85, 90)
     assert label(("a",)) is label(("a",)) and label(("a", "b")).shape[0] > label(("a",)).shape[0]
+
+
+def test_texts_suit_the_background(document: Document) -> None:
+    """Labels look as the text in the corner does: dark letters on white where the picture is light."""
+    text, state = Text(("value: 3",)), State.of(document, SIZE)
+    state = replace(state, settings=state.settings.replace(background=None))
+    for ground, light in (("black", False), ("white", True), ("checks", False)):
+        assert is_light(replace(state, ground=ground)) is light
+        left, top, right, bottom = text_box(text, SIZE, 2.0)
+        corner = draw_overlay(Overlay(SIZE, 2.0, (text,), light=light))[top:bottom, left:right]
+        assert np.array_equal(label(text.lines, 2.0, light), corner)
+        letters, paper = corner[corner[..., 3] == 255], corner[0, 0]
+        assert (int(letters[..., :3].mean()) < int(paper[:3].mean())) is light
+    blue = replace(state, settings=state.settings.replace(background=(0.0, 0.0, 0.2)))
+    assert not is_light(replace(blue, ground="white"))
 
 
 def test_what_has_not_changed_is_not_drawn_again(document: Document) -> None:
