@@ -320,7 +320,7 @@ class Browser:
 # distance of the panel from the edges of the picture that it lies over, screen units
 MARGIN = 8.0
 # width and height of the strip that opens the panel
-STRIP = 18.0, 60.0
+STRIP = 24.0, 60.0
 EXTINCTION = (0.01, 100.0)
 # settings with sliders from 0 to 1; those with choices have lists
 STRENGTHS = ("ambient_occlusion", "shadows")
@@ -418,7 +418,10 @@ class Panel:
         imgui.set_next_window_size_constraints((wide, high if docked else 0.0), (wide, high))
         flags = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move | imgui.WindowFlags_.no_resize
         flags |= imgui.WindowFlags_.no_title_bar if docked else imgui.WindowFlags_.always_auto_resize
+        # round corners would leave holes at the window's edge
+        imgui.push_style_var(imgui.StyleVar_.window_rounding, 0.0 if docked else imgui.get_style().window_rounding)
         shown, _ = imgui.begin("splatgl", None, flags | imgui.WindowFlags_.menu_bar)
+        imgui.pop_style_var()
         if self.focusing:
             self.focusing = False
             imgui.set_window_focus()
@@ -534,7 +537,7 @@ class Panel:
         if style.base.labels:
             return state
         changed, threshold = imgui.slider_float(
-            label_left("threshold"), state.style.threshold, 0.0, HIGHEST, "%.4f", logarithmic
+            label_left("threshold"), state.style.threshold, 0.0, HIGHEST, "%.4g", logarithmic
         )
         show_tip("Voxels up to this opacity are skipped (--threshold).")
         return with_threshold(state, min(max(threshold, 0.0), HIGHEST)) if changed else state

@@ -21,7 +21,6 @@ from splatgl.transfer.statistics import Statistics, statistics
 from splatgl.transfer.transfer import Nodes, Transfer
 from splatgl.transfer.transfer_nodes import SHAPES, ColorPoints, color_points, shape_nodes, shape_of, with_color_points
 from splatgl.viewer.panel_sections import label_left, pick_color, pick_opacity, show_tip
-from splatgl.viewer.preset_gallery import EDITED
 
 # number of colours in the strip; radius of a point at a content scale of 1, screen units
 COLORS, COLOR_POINT = 64, 5.0
@@ -233,6 +232,7 @@ def histogram(stats: Statistics, low: float, high: float, logarithmic: bool = Tr
 
 # screen units at a content scale of 1: height of the plot, of the strip of colours below it, radius of a point
 HEIGHT, STRIP, POINT = 165.0, 10.0, 5.0
+BY_POINTS = "by points"
 # share of the fields of a point that its number takes, as its opacity does
 NUMBER = 0.29
 # range of the axis of opacities, with room for points at its ends
@@ -304,7 +304,8 @@ class CurveEditor:
 
     def _shape(self, transfer: Transfer) -> Transfer:
         """List of the shapes of the curve; a chosen one takes its place."""
-        current = shape_of(transfer) or EDITED
+        # what no shape describes may be a preset, which nobody edited
+        current = shape_of(transfer) or BY_POINTS
         names = list(dict.fromkeys([current, *SHAPES]))
         imgui.set_next_item_width(-1.0)
         changed, index = imgui.combo("##shape", 0, names)
@@ -401,7 +402,7 @@ class CurveEditor:
             points, self.point = add_point(points, *between)
         show_tip("Adds a point next to this one.")
         imgui.same_line(0.0, gap)
-        points = remove_point(points, here) if imgui.button("-") else points
+        points = remove_point(points, here) if imgui.button("-", (-1.0, 0.0)) else points
         show_tip("Removes this point.")
         imgui.end_disabled()
         return points
