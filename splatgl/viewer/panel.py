@@ -429,6 +429,8 @@ class Panel:
             imgui.set_nav_cursor_visible(True)
         if shown:
             state = panel_sections.draw_menus(state, document, self.widgets)
+        # nothing is known of a volume that is being opened
+        if shown and not document.is_loading:
             if state.times > 1:
                 state = _time(state, document, self.widgets)
             panel_sections.draw_file_options(state, document, self.widgets)

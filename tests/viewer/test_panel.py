@@ -5,15 +5,20 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Volume
+from splatgl.scene.scene_file import SceneFile
 from splatgl.transfer.presets import PRESETS, preset
 from splatgl.transfer.statistics import statistics
 from splatgl.transfer.transfer import Transfer
+from splatgl.viewer.commands import COMMANDS
+from splatgl.viewer.document import Document
+from splatgl.viewer.state import State
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, pointed
 
@@ -23,6 +28,8 @@ EXTINCTION, THRESHOLD, COLORS = (463, 166), (400, 191), (450, 116)
 PRESET, FIRST, SHIFT = (450, 91), (350, 80), (463, 501)
 # the list of sizes of the dialog that saves
 SIZES = (350, 278)
+# of the window that nothing shows
+SIZE = (600, 500)
 # pixels of a row of the palette
 ROW = 400 * 14
 # what texts lie on
@@ -164,16 +171,40 @@ def test_texts_stand_out_from_what_they_lie_on() -> None:
         assert ratio(solid["text_disabled"], base) >= 4.5 and ratio(solid["check_mark"], solid["frame_bg"]) >= 3.0
 
 
-def test_long_names_end_with_an_ellipsis() -> None:
-    """As many letters as there is room for."""
-    gui = pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]").imgui
-    from splatgl.viewer.panel_sections import shorten
-
-    context = gui.create_context()
+@pytest.fixture
+def gui() -> Iterator[Any]:
+    """ImGui in a frame that nothing shows."""
+    library = pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
+    gui, plots = library.imgui, library.implot
+    contexts = gui.create_context(), plots.create_context()
     gui.get_io().backend_flags |= gui.BackendFlags_.renderer_has_textures
     gui.get_io().set_ini_filename("")
-    gui.get_io().display_size = gui.ImVec2(200, 200)
+    gui.get_io().display_size = gui.ImVec2(*SIZE)
     gui.new_frame()
+    yield gui
+    gui.end_frame()
+    plots.destroy_context(contexts[1])
+    gui.destroy_context(contexts[0])
+
+
+def test_nothing_is_told_of_a_volume_that_is_being_opened(gui: Any) -> None:
+    """No curve or values of its placeholder; menus are there."""
+    from splatgl.viewer.panel import Panel
+
+    panel, loading = Panel(COMMANDS), Document.placeholder(SceneFile("head.nii"))
+    for document in (loading, replace(loading, is_loading=False)):
+        for _ in range(3):
+            # ImGui measures in the first
+            panel.draw(replace(State.of(document, SIZE), panel=True), document, None, SIZE, True)
+            gui.end_frame()
+            gui.new_frame()
+        assert (panel.curve.stats is None) is document.is_loading and panel.covers(400.0, 10.0)
+
+
+def test_long_names_end_with_an_ellipsis(gui: Any) -> None:
+    """As many letters as there is room for."""
+    from splatgl.viewer.panel_sections import shorten
+
     name = "Left ventricular myocardium"
     whole = gui.calc_text_size(name).x
     assert shorten(name, whole) == name and shorten(name, 1.0) == "…"
@@ -181,8 +212,6 @@ def test_long_names_end_with_an_ellipsis() -> None:
         short = shorten(name, room)
         assert name.startswith(short[:-1]) and short.endswith("…") and gui.calc_text_size(short).x <= room
         assert gui.calc_text_size(f"{name[: len(short) + 1]}…").x > room
-    gui.end_frame()
-    gui.destroy_context(context)
 
 
 def test_a_shift_moves_points_and_window() -> None:
