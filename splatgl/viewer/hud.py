@@ -11,7 +11,7 @@ import numpy as np
 
 from splatgl.annotations.annotate import LEAST_SIDE, LiveOverlay, with_time
 from splatgl.annotations.canvas import BLACK, WHITE, AnnotatedSubject, ColorScale, ink_on
-from splatgl.annotations.text import Overlay, Text, draw_overlay, label, place_label
+from splatgl.annotations.text import INKS, Overlay, Text, draw_overlay, label, place_label
 from splatgl.data.color import Color
 from splatgl.data.volume import Volume
 from splatgl.geometry.camera import Camera
@@ -128,6 +128,8 @@ def help_sprite(size: tuple[int, int], shown: int, scale: float, commands: tuple
     """The keys of commands over a window of `size` pixels, of which those from column `shown` on are covered."""
     text = Text(tuple("\t".join(row) for row in help_rows(commands)), "middle", fit=True)
     pixels = draw_overlay(Overlay(size, scale, (text,))).copy()
+    # a veil as dark as the text's background: no box ends at the panel
+    pixels[..., 3] = np.maximum(pixels[..., 3], INKS[0][2][3])
     pixels[:, shown:, 3] = 255
     return Sprite(pixels, (0.0, 0.0, float(size[0]), float(size[1])))
 
