@@ -24,12 +24,12 @@ from splatgl.scene.open_scene import on_background
 from splatgl.scene.view import ALONG, along, angles
 from splatgl.splat.settings import Settings, choices
 from splatgl.transfer.colormaps import CORE
-from splatgl.transfer.label_detection import NAMES
 from splatgl.transfer.presets import PRESETS, build_transfer, grouped_presets
 from splatgl.transfer.statistics import statistics
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts, start_lasso
 from splatgl.viewer.document import Document
+from splatgl.viewer.files import grouped
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.measure_tool import FIRST_POINT
 from splatgl.viewer.movie_track import Preview, stop_preview
@@ -992,15 +992,10 @@ def ask_to_leave(opens: Open | OpenOption) -> Question:
     return Question(UNSAVED.title, "Save the changes as a scene before another file is opened?", answers)
 
 
-def are_segmentations(paths: Sequence[str]) -> bool:
-    """Whether the names of files say that all are segmentations."""
-    return all(NAMES.search(Path(path).name.lower()) and not is_mesh(path) for path in paths)
-
-
 def ask_for_files(paths: Sequence[str], is_edited: bool = False) -> Question:
     """The question what to do with dropped files. is_edited: whether opening them loses edits."""
     several, more = len(paths) > 1, len(paths) - LISTED
-    is_series = sum(not is_mesh(path) for path in paths) > 1
+    is_series = len(grouped(paths)[0]) > 1
     names = ", ".join(Path(path).name for path in paths[:LISTED]) + f" and {more} more" * (more > 0)
     opens, verb = Open(tuple(paths)), "play" if is_series else "open"
     answers: tuple[tuple[str, Effect | None], ...] = ((f"{verb} as series" if is_series else verb, opens),)

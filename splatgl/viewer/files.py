@@ -12,14 +12,16 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splatgl.animation.movie import by_numbers
 from splatgl.data.scenes import SCENES
 from splatgl.errors import USER_ERRORS, InputError
 from splatgl.fileio import write_file
 from splatgl.platforms import user_folder
 from splatgl.readers import formats
 from splatgl.readers.remote import is_address
-from splatgl.scene.meshes import ALONE
+from splatgl.scene.meshes import ALONE, is_mesh
 from splatgl.scene.scene_file import SceneFile
+from splatgl.transfer.label_detection import NAMES
 
 if TYPE_CHECKING:
     from splatgl.viewer.panel import Browser
@@ -36,6 +38,20 @@ def suffixes() -> tuple[str, ...]:
     """The suffixes of files that can be opened."""
     known = (suffix for form in formats() if "file" in form.kinds for suffix in form.suffixes)
     return tuple(dict.fromkeys((".toml", *known, *ALONE)))
+
+
+def is_segmentation(path: str) -> bool:
+    """Whether the name of a file says that it is a segmentation."""
+    return NAMES.search(Path(path).name.lower()) is not None and not is_mesh(path)
+
+
+def grouped(paths: Iterable[str]) -> tuple[list[str], list[str], list[str]]:
+    """Volumes in the order of their numbers, the segmentations beside them, by their names, and meshes."""
+    meshes = [path for path in paths if is_mesh(path)]
+    volumes = sorted((path for path in paths if path not in meshes), key=by_numbers)
+    segmentations = [path for path in volumes if is_segmentation(path)]
+    others = [path for path in volumes if path not in segmentations]
+    return (others, segmentations, meshes) if others else (segmentations, [], meshes)
 
 
 class Dialogs:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from splatgl.animation.movie import by_numbers, time_points
+from splatgl.animation.movie import time_points
 from splatgl.data.mesh import Mesh
 from splatgl.data.scenes import SCENES
 from splatgl.errors import InputError, MissingOption
@@ -24,7 +24,7 @@ from splatgl.splat.settings import Settings
 from splatgl.transfer.label_detection import MASK
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document, styled_layers
-from splatgl.viewer.files import Watch, watched_files
+from splatgl.viewer.files import Watch, grouped, watched_files
 from splatgl.viewer.jobs import JobKind, Jobs
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.state import FileOption, LayerStyle
@@ -221,20 +221,23 @@ class Files:
         """Opens the scene that the window was opened for."""
         self._open(Path(scene.volume).name, lambda: _opened(scene))
 
-    def open(self, paths: Sequence[str], settings: Settings, empty: bool = False) -> None:
-        """Opens other files: a volume with the current settings, or a scene file with its own. Several are a series;
-        meshes beside them are added to it. Meshes alone are added to the document, unless it is empty.
+    def open(self, paths: Sequence[str], settings: Settings, empty: bool = False, are_layers: bool = False) -> None:
+        """Opens other files: a volume with the current settings, or a scene file with its own. Several are a series, or
+        layers of one scene; segmentations and meshes beside them are added to it. Meshes alone are added to the
+        document, unless it is empty.
         """
-        meshes = [MeshFile(path) for path in paths if is_mesh(path)]
-        volumes = sorted((path for path in paths if not is_mesh(path)), key=by_numbers)
+        volumes, segmentations, surfaces = grouped(paths)
+        meshes = [MeshFile(path) for path in surfaces]
         if meshes and not (volumes or empty):
             self.add(paths, SceneFile(paths[0], settings=settings))
             return
         path, added = (volumes[0], tuple(meshes)) if volumes else (meshes[0].file, tuple(meshes[1:]))
+        layers = [*volumes[1:] * are_layers, *segmentations]
+        volumes = volumes[:1] if are_layers else volumes
 
         def reopen() -> SceneFile:
             scene = SceneFile.from_toml(Path(path)) if path.endswith(".toml") else SceneFile(path, settings=settings)
-            return replace(scene, meshes=(*scene.meshes, *added))
+            return replace(scene, meshes=(*scene.meshes, *added), layers=(*scene.layers, *map(_layer_file, layers)))
 
         def read() -> OpenedFile:
             scene = reopen()
@@ -328,6 +331,13 @@ class Files:
     def _read(self, kind: JobKind, name: str, work: Callable[[], Loaded | AddedFiles], key: str = "") -> None:
         self.begun = time.monotonic()
         self.jobs.submit(kind, name, work, key)
+
+
+def _layer_file(path: str) -> SceneFile:
+    """A file that is opened as a layer of another volume: as labels, if it holds labels or a mask."""
+    volume, source, _ = _read_first(SceneFile(path), SceneFile.open)
+    are_labels = volume.labels is not None or volume.hints.values == MASK
+    return replace(source, transfer={"only_labels": ()}) if are_labels else source
 
 
 def _read_layer(path: str, open_it: Callable[[SceneFile], LayerSource]) -> LayerSource:

@@ -57,13 +57,12 @@ from splatgl.viewer.commands import (
     SaveAction,
     ShowSection,
     WindowRequest,
-    are_segmentations,
     ask_for_files,
     ask_to_leave,
     tell_error,
 )
 from splatgl.viewer.document import Document
-from splatgl.viewer.files import ADD, OPEN, SAVE, Dialogs, Recent, WindowLayout
+from splatgl.viewer.files import ADD, OPEN, SAVE, Dialogs, Recent, WindowLayout, grouped, is_segmentation
 from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.hud import Overlays, help_sprite, is_light, progress_text, readout_label
 from splatgl.viewer.input import InputHandler
@@ -351,10 +350,11 @@ class Viewer:
         """Adds dropped segmentations; asks what to do with other files, or opens them where only that is possible, or
         nothing can ask.
         """
-        is_scene = any(path.endswith(".toml") for path in paths)
-        if self.panel is None or self.document.is_loading or is_scene:
+        is_scene, is_series = any(path.endswith(".toml") for path in paths), len(grouped(paths)[0]) > 1
+        is_clear = self.document.is_loading and not (self.document.is_empty and is_series)
+        if self.panel is None or is_scene or is_clear:
             self.open(paths, self.document.is_loading)
-        elif paths and are_segmentations(paths):
+        elif paths and all(map(is_segmentation, paths)):
             self.perform_one(Open(tuple(paths), adds=True))
         elif paths:
             self.ask(ask_for_files(paths, self.is_edited))
@@ -779,7 +779,8 @@ class Viewer:
             case Open(paths, adds=False):
                 self.open(paths)
             case Open(paths) if self.document.is_empty:
-                self.open(paths)
+                self._replace(effect)
+                self.touch()
             case Open(paths):
                 # scissors that were drawn meanwhile cut them, too
                 self.files.add(paths, replace(self.document.scene, scissors=self.state.styles[0].scissors))
@@ -817,7 +818,7 @@ class Viewer:
         elif isinstance(opens, Open):
             # what stands for a file has no settings of its own
             settings = Settings() if self.document.is_loading else state.settings
-            self.files.open(opens.paths, settings, are_alone or self.document.is_loading)
+            self.files.open(opens.paths, settings, are_alone or self.document.is_loading, opens.adds)
         else:
             edits: dict[str, Any] = {"settings": state.settings, "annotate": state.annotate}
             scene = replace(self.document.scene, **edits, meshes=state.mesh_files)

@@ -173,6 +173,8 @@ def test_dropped_files_are_asked_for() -> None:
         (("m.stl",), "open"),
         (("a.npy", "b.npy"), "play as series"),
         (("a.npy", "m.stl"), "open"),
+        (("a.npy", "a_seg.npy"), "open"),
+        (("1_seg.npy", "2_seg.npy"), "play as series"),
     ):
         question = ask_for_files(paths)
         (text, opens), (_, adds), (_, nothing) = question.answers

@@ -28,6 +28,7 @@ from splatgl.viewer.commands import (
     Open,
     OpenOption,
     WindowRequest,
+    ask_for_files,
     ask_to_leave,
     is_enabled,
 )
@@ -376,6 +377,38 @@ def test_dropped_segmentations_are_added(edited: WithoutWindow, folder: Path) ->
     edited.perform_one(Open((str(folder / "liver.npy"),), adds=True))
     applied(edited)
     assert not asked and [len(style.base.labels) for style in edited.state.styles] == [0, 1, 1]
+
+
+def test_segmentations_that_come_with_a_volume_are_its_labels(edited: WithoutWindow, folder: Path) -> None:
+    """They are no time points; a mask is a segment, through which the volume is seen; the file is read again so."""
+    samples = blob(20).samples
+    for name, values in (("b_seg", samples > samples.max() / 2), ("mask_ct", samples)):
+        np.save(folder / f"{name}.npy", values.astype(np.uint8))
+    paths = [str(folder / f"{name}.npy") for name in ("b_seg", "b", "mask_ct")] + [str(folder / "m.off")]
+    edited._replace(Open(tuple(paths)))
+    applied(edited)
+    document = edited.document
+    assert document.names == ("b", "b_seg", "mask_ct") and edited.state.times == 0 and document.mesh_files
+    assert [len(style.base.labels) for style in edited.state.styles] == [0, 1, 0]
+    assert edited.state.style.opacity < 0.5
+    assert edited.files.reopen is not None and len(edited.files.reopen().layers) == 2
+
+
+def test_several_volumes_for_an_empty_window_are_asked_for(folder: Path) -> None:
+    """They are a series, or layers of one scene."""
+    viewer = WithoutWindow(Document.placeholder(SceneFile("")), files())
+    paths = tuple(str(folder / f"{name}.npy") for name in "ab")
+    asked = with_questions(viewer)
+    viewer.drop(paths)
+    assert asked == [ask_for_files(paths)] and not viewer.files.jobs.busy
+    opens, adds, _ = (effect for _, effect in asked.pop().answers)
+    assert opens == Open(paths)
+    viewer.perform_one(adds)
+    applied(viewer)
+    assert viewer.document.names == ("a", "b") and viewer.state.times == 0
+    viewer.perform_one(opens)
+    applied(viewer)
+    assert viewer.state.times == 2
 
 
 def test_an_empty_window_waits_for_a_file(folder: Path) -> None:
