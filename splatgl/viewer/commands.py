@@ -415,10 +415,15 @@ def with_ground(state: State, name: str) -> State:
 
 def _segments(are_shown: bool) -> Run:
     def show(state: State, document: Document) -> State:
-        numbers = [number for number, _, _ in state.style.base.labels]
-        if not numbers:
-            return replace(state, message="no segments: the selected layer is no segmentation")
-        return state.with_style(state.selected, with_shown(state.style, numbers, are_shown))
+        # those of the selected layer, else of all layers
+        layers = [number for number, style in enumerate(state.styles) if style.base.labels]
+        if not layers:
+            return replace(state, message="no segments: no layer is a segmentation")
+        for layer in [state.selected] if state.selected in layers else layers:
+            style = state.styles[layer]
+            numbers = [number for number, _, _ in style.base.labels]
+            state = state.with_style(layer, with_shown(style, numbers, are_shown))
+        return state
 
     return show
 
@@ -932,7 +937,7 @@ ENABLED: dict[str, Callable[[State, Document], bool]] = {
     "preset": lambda state, document: curve_of(state, document) is not None,
     "colormap": lambda state, document: (layer := curve_of(state, document)) is not None and layer.volume.color is None,
     "legend": lambda state, document: len(state.styles) > 1 or bool(state.style.base.labels),
-    "segments": lambda state, document: bool(state.style.base.labels),
+    "segments": lambda state, document: any(style.base.labels for style in state.styles),
     "threshold": lambda state, document: not state.settings.needs_values,
     "cuts": lambda state, document: state.cuts.any,
     "uncut": lambda state, document: state.cuts.any or bool(state.styles[0].scissors),

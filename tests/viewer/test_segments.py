@@ -17,6 +17,7 @@ from splatgl.geometry.slices import SliceLayer
 from splatgl.scene.draw import DrawOptions, draw
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
+from splatgl.viewer.commands import COMMANDS, is_enabled
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import describe_pick, under_cursor
 from splatgl.viewer.saving import render_scene, save_scene, scene_of
@@ -168,6 +169,19 @@ def test_values_alone_have_no_segments() -> None:
     state = State.of(document, SIZE)
     told = acted(state, "segments-hide", document)
     assert told.styles == state.styles and "no segments" in told.message
+
+
+def test_segments_are_hidden_while_another_layer_is_selected(state: State, document: Document) -> None:
+    """Those of all layers; of several segmentations those of the selected one."""
+    values = Document.open(SceneFile("tunnel")).styles[0]
+    several = replace(state, styles=(values, state.style, state.style))
+    for selected, hidden in ((0, [0, 3, 3]), (2, [0, 1, 3])):
+        told = acted(replace(several, selected=selected), "segments-hide", document)
+        assert [len(style.hidden) for style in told.styles] == hidden
+    command = next(command for command in COMMANDS if command.id == "segments-hide")
+    assert is_enabled(command, several, document) and not is_enabled(
+        command, replace(state, styles=(values,)), document
+    )
 
 
 @pytest.mark.parametrize("is_orthographic", [False, True])
