@@ -27,7 +27,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--list-bindings", action=ListBindings, nargs=0, help="print the keys and their actions")
     group.add_argument("--bindings", metavar="FILE.toml", help="other keys: table [bindings] of action = keys")
     group.add_argument("--watch", action="store_true", help="read the file or scene.toml again when it changes")
-    group.add_argument("--folder", default=".", metavar="DIR", help="folder of saved pictures and scenes (default .)")
+    group.add_argument("--folder", metavar="DIR", help="folder of saved pictures and scenes (default .)")
     group.add_argument("--frame-time", type=float, default=TARGET * 1e3, metavar="MS", help="while moving (default 33)")
     group.add_argument("--ground", type=_ground, metavar="black|white|checks", help="background of the window")
     group.add_argument("--no-panel", action="store_true", help="do not show the panel (extra gui)")
@@ -64,8 +64,10 @@ def _scene(args: argparse.Namespace, source: str) -> SceneFile:
 
 def run(args: argparse.Namespace) -> int:
     """Opens the window; returns 0 once it is closed."""
-    folder = Path(args.folder)
-    check_folder(folder, "--folder")
+    folder = Path(args.folder or ".")
+    # files of a folder that cannot be written are looked at, too
+    if args.folder:
+        check_folder(folder, "--folder")
     if not args.frame_time > 0:
         raise expected("--frame-time", "milliseconds above 0", args.frame_time)
     commands: tuple[Command, ...] = ()

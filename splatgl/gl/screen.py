@@ -18,7 +18,7 @@ from splatgl.gl.backends import BackendError, Loader, WindowContext, open_window
 from splatgl.gl.buffers import free
 from splatgl.gl.context import adopt, current
 from splatgl.gl.program import build
-from splatgl.platforms import DISPLAY_FIX
+from splatgl.platforms import DISPLAY_FIX, has_display, window_fix
 
 # drawn below a picture without a background
 GROUNDS = ("black", "white", "checks")
@@ -57,9 +57,8 @@ class Screen:
             _check_shown(self.loader)
             self.ctx = adopt(self.loader)
         except BackendError as error:
-            raise expected(
-                "display", "one that opens a window", error, f"{DISPLAY_FIX}, or use splatgl render"
-            ) from error
+            fix = window_fix(str(error)) if has_display() else f"{DISPLAY_FIX}, or use splatgl render"
+            raise expected("display", "one that opens a window", error, fix) from error
         finally:
             restore_context()
         self.owned.callback(self.ctx.release)
@@ -167,7 +166,7 @@ def _check_shown(loader: Loader) -> None:
 
     if glfw.get_platform() == glfw.PLATFORM_NULL:
         loader.release()
-        raise BackendError("there is none")
+        raise BackendError("none")
 
 
 LineColor = tuple[float, float, float, float]

@@ -903,5 +903,17 @@ def test_no_display(folder: Path) -> None:
     environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
     command = [sys.executable, "-m", "splatgl", "view", str(folder / "blob.npy")]
     run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
-    assert run.returncode == 2 and run.stderr.startswith("splatgl: display: expected one that opens a window")
+    assert run.returncode == 2 and run.stderr.startswith("splatgl: display: expected one that opens a window, got none")
     assert len(run.stderr.splitlines()) == 1
+
+
+def test_files_of_a_folder_that_cannot_be_written(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They are looked at, too: only a folder that is named must take files."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("splatgl.fileio.os.access", lambda *_: False)
+    for options, word in (([], "display"), (["--folder", str(folder)], "--folder")):
+        assert main(["view", str(folder / "blob.npy"), *options]) == 2
+        assert capsys.readouterr().err.startswith(f"splatgl: {word}: ")
