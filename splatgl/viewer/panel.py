@@ -186,8 +186,14 @@ class Questions:
         is_entered = imgui.is_key_pressed(imgui.Key.enter, repeat=False) and not imgui.is_window_appearing()
         # else it presses the button that has the keys
         is_entered &= not imgui.get_io().nav_visible
+        # the answer of the enter key has another colour
+        first = imgui.Col_.button if imgui.get_io().nav_visible else imgui.Col_.button_hovered
+        imgui.push_style_color(imgui.Col_.button, imgui.get_style_color_vec4(first))
         for number, (text, effect) in enumerate(question.answers):
-            if imgui.button(text) or (is_entered and number == 0):
+            is_chosen = imgui.button(text) or (is_entered and number == 0)
+            if number == 0:
+                imgui.pop_style_color()
+            if is_chosen:
                 # a text is copied before it is closed
                 if not isinstance(effect, CopyText):
                     imgui.close_current_popup()
