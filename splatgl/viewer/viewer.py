@@ -982,7 +982,8 @@ class Viewer:
         self.warned = True
         self.window.stay()
         if is_edited:
-            self.ask(commands.UNSAVED, UNSAVED)
+            lost = " The movie that is being recorded is cancelled then." * is_recording
+            self.ask(replace(commands.UNSAVED, text=commands.UNSAVED.text + lost), UNSAVED)
         else:
             self.say(RECORDING)
 

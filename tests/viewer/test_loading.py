@@ -379,6 +379,16 @@ def test_dropped_segmentations_are_added(edited: WithoutWindow, folder: Path) ->
     assert not asked and [len(style.base.labels) for style in edited.state.styles] == [0, 1, 1]
 
 
+def test_the_question_about_edits_tells_of_a_recording(edited: WithoutWindow) -> None:
+    """Closing cancels it, whatever is done about the edits."""
+    asked = with_questions(edited)
+    edited.window.stay, edited.recorder = lambda: None, cast(Any, SimpleNamespace(running=None))
+    for running, is_told in ((None, False), (object(), True)):
+        edited.recorder.running, edited.warned = cast(Any, running), False
+        edited._quit()
+        assert ("movie" in asked.pop().text) is is_told and not edited.closed
+
+
 def test_segmentations_that_come_with_a_volume_are_its_labels(edited: WithoutWindow, folder: Path) -> None:
     """They are no time points; a mask is a segment, through which the volume is seen; the file is read again so."""
     samples = blob(20).samples
