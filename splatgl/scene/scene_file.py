@@ -167,7 +167,8 @@ class SceneFile:
     """Description of a picture: files and options. A layer whose clip, mask or surfaces is None takes the scene's.
 
     volume: a built-in scene, file or address, or the name of the volume `held` in memory. layers: further volumes;
-    their views and settings are ignored. title: its name in lists; "": the file's. annotate: names as for --annotate.
+    their views and settings are ignored. title: its name in lists and legends; "": the file's. annotate: names as for
+    --annotate.
     animation: how movies move, by the keys ANIMATION.
     world: frame and unit that the volume is converted to, if its file states others: those of a series. look: of a
     series, instead of that of the volume's own values.
@@ -530,6 +531,8 @@ class SceneFile:
         volume = self._open().placed(*self.world)
         if self.look is not None and self.look.slices is not None:
             volume = replace(volume, hints=replace(volume.hints, slices=self.look.slices))
+        if self.title and not volume.channels:
+            volume = replace(volume, name=self.title)
         faint, unused = [FAINTLY] * is_backdrop(self, volume), self._unused_notes(volume)
         of_looks = (*transfer_notes(self.transfer, volume), *unused, *faint)
         constant = "" if is_mesh(self.volume) else constant_note(volume)

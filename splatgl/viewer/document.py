@@ -366,7 +366,9 @@ def styled_layers(source: LayerSource, settings: Settings) -> list[tuple[LayerSp
     for number, layer in enumerate(layers):
         scene, samples = replace(file, settings=settings, layers=(), meshes=()), layer.volume
         if len(volume.channels) > 1:
-            scene = replace(scene, load={**file.load, "channel": _channel(file.load.get("channel"), number)})
+            # read alone, a channel has the file's name
+            channel = _channel(file.load.get("channel"), number)
+            scene = replace(scene, load={**file.load, "channel": channel}, title=samples.name)
         name = file.title * (len(volume.channels) < 2) or samples.name or file.volume
         assert layer.transfer is not None
         style = LayerStyle(layer.transfer, layer.threshold, 1.0, layer.opacity, file.visible, surfaces=layer.surfaces)

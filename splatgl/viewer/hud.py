@@ -263,14 +263,18 @@ class Overlays:
         if not names or min(camera.size) < LEAST_SIDE:
             return ()
         valued, transfer = bar_of(state, document)
-        styled = zip(document.layers, state.styles, strict=False)
-        layers = [(layer.volume, style.transfer) for layer, style in styled if style.is_shown]
+        styled = [pair for pair in zip(document.layers, state.styles, strict=False) if pair[1].is_shown]
+        titles = [style.title or layer.scene.title for layer, style in styled]
+        layers = [(layer.volume, style.transfer) for layer, style in styled]
         above = 0 if state.hud == "off" or camera.size[1] < 4 * TEXT * scale else round(TEXT * scale)
         look = transfer, camera, names, background_of(state), state.settings.blend, above
-        key = volume, valued, meshes, state.measures, layers, *look
+        key = volume, valued, meshes, state.measures, layers, titles, *look
         if key != self.key:
             empty, scales = is_mesh(document.scene.volume), ColorScale.of(meshes)
-            subject = AnnotatedSubject.of(volume, valued, layers)
+            # as the volumes of a saved scene are named
+            pairs = zip(layers, titles, strict=True)
+            named = [(replace(each, name=title or each.name), shown) for (each, shown), title in pairs]
+            subject = AnnotatedSubject.of(volume, named[0][0] if named else valued, named)
             subject = replace(subject, measures=state.measures, scales=scales, empty=empty)
             self.key, self.latest = key, crop_sprites(self.overlay.draw(subject, *look))
         return self.latest

@@ -10,14 +10,17 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.annotations.canvas import AnnotatedSubject
 from splatgl.cli.main import main
 from splatgl.errors import InputError, MissingOption
 from splatgl.scene.meshes import MeshFile, read_meshes
+from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.viewer.commands import why_not
 from splatgl.viewer.document import Document
 from splatgl.viewer.files import watched_files
+from splatgl.viewer.hud import Overlays
 from splatgl.viewer.loading import open_document
 from splatgl.viewer.saving import render_scene, save_picture, save_scene, scene_of
 from splatgl.viewer.state import History, State
@@ -186,6 +189,30 @@ def test_channels_are_parts(folder: Path, renderer: sg.Renderer) -> None:
     assert np.abs(other - again).max() < 1e-4 and np.abs(other - plain).max() > 0.02
     # a scene file has one transfer function: the other channel is a layer of it
     assert [each.load["channel"] for each in scene_of(state, document).layers] == [1]
+
+
+def test_legends_and_reopened_scenes_have_the_names_of_channels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And those that the user gives, as on the screen."""
+    parts = [sg.Volume(blob(12).samples, name=name) for name in ("one", "two")]
+    replace(parts[0], channels=tuple(parts)).save(tmp_path / "c.ome.zarr")
+    document = Document.open(SceneFile(str(tmp_path / "c.ome.zarr"), load={"channel": "all"}))
+    state = replace(State.of(document, SIZE), annotate=("legend",))
+    state = state.with_style(1, replace(state.styles[1], title="nuclei"))
+    shown: list[tuple[str, ...]] = []
+    overlays = Overlays()
+
+    def draw(subject: AnnotatedSubject, *_: object) -> np.ndarray:
+        shown.append(tuple(name for name, _ in subject.legend))
+        return np.zeros((1, 1, 4), np.uint8)
+
+    monkeypatch.setattr(overlays.overlay, "draw", draw)
+    overlays.annotations(state, document)
+    scene = scene_of(state, document)
+    legend = OpenScene.read(scene, True).annotated_subject.legend
+    assert shown == [("one", "nuclei")] and tuple(name for name, _ in legend) == shown[0]
+    assert Document.open(scene).names == shown[0]
 
 
 @pytest.mark.long
