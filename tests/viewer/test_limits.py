@@ -311,7 +311,8 @@ def test_a_click_is_handled_before_it_is_shown(document: Document, monkeypatch: 
     monkeypatch.setattr(backend, "imgui", calls)
     gui = backend.Gui.__new__(backend.Gui)
     gui.owed, gui.waiting, gui.focused, gui.cursor = 0, [], False, (0.0, 0.0)
-    gui.panel = SimpleNamespace(covers=lambda x, y: True, widgets=SimpleNamespace(effects=[]))
+    gui.until_field = 0
+    gui.panel = SimpleNamespace(covers=lambda x, y: True, widgets=SimpleNamespace(effects=[]), is_opening=False)
     gui.io = SimpleNamespace(add_mouse_button_event=lambda *given: None, add_key_event=lambda *given: None)
     monkeypatch.setattr(backend, "MODIFIERS", ())
     monkeypatch.setattr(gui, "_navigate", lambda is_shown: None)
