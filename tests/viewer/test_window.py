@@ -254,6 +254,8 @@ def test_motion_blur_is_seen_while_the_view_is_turned(window: Window) -> None:
 
 @pytest.mark.long
 def test_the_help_is_shown(window: Window) -> None:
+    # the value under the cursor is read in a thread
+    window.ask("settle")
     before = window.shot()
     window.key("?")
     assert np.abs(window.shot().astype(int) - before).max() > 100
