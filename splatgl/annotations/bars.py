@@ -332,7 +332,7 @@ MOST_ROWS = 24
 
 
 def draw_legend(layer: Canvas, view: AnnotationView) -> None:
-    """Draws names beside their colours, at the left or right, where the image is empty."""
+    """Draws names beside their colours, at the left or right, where the image is empty and no letter or axis is."""
     rows = view.subject.legend
     if not rows:
         layer.notes.append("no legend: there is one layer only, without segments")
@@ -342,7 +342,8 @@ def draw_legend(layer: Canvas, view: AnnotationView) -> None:
     sizes, gap = [layer.text_size(text) for text in texts], layer.em // 2
     wide, tall = layer.em + gap + max(size[0] for size in sizes), sum(size[1] for size in sizes)
     (width, height), pad = layer.size, layer.pad
-    ends = [(x, y) for x in (pad, width - pad - wide) for y in (pad, height - pad - tall, (height - tall) // 2)]
+    middles = [round(share * height - tall / 2) for share in (0.5, 0.25, 0.75)]
+    ends = [(x, y) for x in (pad, width - pad - wide) for y in (pad, height - pad - tall, *middles)]
     place = layer.reserve([Rect(x, y, x + wide, y + tall) for x, y in ends], "legend")
     if place is None:
         return
@@ -363,7 +364,7 @@ ROWS = (
     Annotation(
         *("scale", "scale bar", ABOUT_SCALE, draw_scale_bar, 3, "j"), default=True, example="20um", check=ScaleBar.parse
     ),
-    Annotation("legend", "legend", ABOUT_LEGEND, draw_legend, 4, "alt+j"),
+    Annotation("legend", "legend", ABOUT_LEGEND, draw_legend, 6, "alt+j"),
     Annotation(
         *("colorbar", "colour bar", ABOUT_COLORS, draw_color_bar, 2, "shift+j"),
         needs_values=True,
