@@ -360,6 +360,15 @@ class Document:
         return float(np.linalg.norm(points - middle, axis=1).max())
 
 
+def named_layers(layers: Sequence[LayerSplats], styles: Sequence[LayerStyle]) -> list[tuple[Volume, Transfer]]:
+    """Volumes of the visible layers, by the names that a saved scene gives them, and their transfer functions."""
+    shown = [(layer, style) for layer, style in zip(layers, styles, strict=False) if style.is_shown]
+    names = [style.title or layer.scene.title or layer.volume.name for layer, style in shown]
+    return [
+        (replace(layer.volume, name=name), style.transfer) for (layer, style), name in zip(shown, names, strict=True)
+    ]
+
+
 def styled_layers(source: LayerSource, settings: Settings) -> list[tuple[LayerSplats, LayerStyle]]:
     """The layers of a source, and their styles. settings: of the scene."""
     pairs, (file, volume, layers) = [], source

@@ -23,7 +23,7 @@ from splatgl.transfer.transfer import Transfer
 from splatgl.viewer.adaptive_quality import FULL, PreviewLevel
 from splatgl.viewer.clip_tool import box_edges, handles, lasso_strokes, outline
 from splatgl.viewer.commands import Command
-from splatgl.viewer.document import Document
+from splatgl.viewer.document import Document, named_layers
 from splatgl.viewer.input import help_rows
 from splatgl.viewer.measure_tool import describe_pick, under_cursor
 from splatgl.viewer.reference_view import Difference
@@ -263,17 +263,13 @@ class Overlays:
         if not names or min(camera.size) < LEAST_SIDE:
             return ()
         valued, transfer = bar_of(state, document)
-        styled = [pair for pair in zip(document.layers, state.styles, strict=False) if pair[1].is_shown]
-        titles = [style.title or layer.scene.title for layer, style in styled]
-        layers = [(layer.volume, style.transfer) for layer, style in styled]
         above = 0 if state.hud == "off" or camera.size[1] < 4 * TEXT * scale else round(TEXT * scale)
         look = transfer, camera, names, background_of(state), state.settings.blend, above
-        key = volume, valued, meshes, state.measures, layers, titles, *look
+        volumes = [layer.volume for layer in document.layers]
+        key = volume, valued, meshes, state.measures, volumes, state.styles, *look
         if key != self.key:
             empty, scales = is_mesh(document.scene.volume), ColorScale.of(meshes)
-            # as the volumes of a saved scene are named
-            pairs = zip(layers, titles, strict=True)
-            named = [(replace(each, name=title or each.name), shown) for (each, shown), title in pairs]
+            named = named_layers(document.layers, state.styles)
             subject = AnnotatedSubject.of(volume, named[0][0] if named else valued, named)
             subject = replace(subject, measures=state.measures, scales=scales, empty=empty)
             self.key, self.latest = key, crop_sprites(self.overlay.draw(subject, *look))

@@ -13,7 +13,7 @@ import numpy as np
 
 from splatgl.animation.animation import MOVIES
 from splatgl.annotations.annotate import LEAST_SIDE
-from splatgl.annotations.canvas import BLACK, WHITE, Canvas
+from splatgl.annotations.canvas import BLACK, WHITE, AnnotatedSubject, AnnotationView, Canvas
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.image import SAVED, Image
 from splatgl.errors import USER_ERRORS, error_text, expected
@@ -30,7 +30,7 @@ from splatgl.scene.transfer_choice import OF_POINTS
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.viewer.commands import AS_SHOWN, Copy, PictureOptions
-from splatgl.viewer.document import Document
+from splatgl.viewer.document import Document, named_layers
 from splatgl.viewer.frame_renderer import EDGE
 from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.movie_track import Movie
@@ -104,8 +104,10 @@ def scene_of(state: State, document: Document, on_paper: bool = True) -> SceneFi
     # motion blur does not affect a still image, but it does affect an animation of the scene
     settings = state.settings if state.blur == "off" else state.moving
     shown = document.with_styles(state.styles, state.mesh_files, settings)
-    if settings.classification == "post" and not shown.layers[0].is_post_classified:
-        settings = settings.replace(classification="pre")
+    kinds = {layer.is_post_classified for layer in shown.drawn_layers}
+    if settings.classification == "post" and False in kinds:
+        # of several kinds, each layer has the one that it allows
+        settings = settings.replace(classification="auto" if True in kinds else "pre")
     first_scene, *others = [_layer_scene(layer, style) for layer, style in _whole_layers(shown)]
     meshes = tuple(file for file in state.mesh_files if file != MeshFile(document.scene.volume))
     given = document.scene.view
@@ -184,7 +186,12 @@ def render_scene(scene: SceneFile, document: Document, draw: Draw) -> Image:
     camera = scene.view.camera(shown.volume, subject)
     image = draw(subject, camera, without_background(settings, scene.annotate))
     # the first volume may be the part that planes leave whole
-    return finish(image, None, OpenScene(replace(scene, layers=(), uncut=""), document.volume, transfer))
+    opened, view = OpenScene(replace(scene, layers=(), uncut=""), document.volume, transfer), None
+    if scene.annotate and len(shown.layers) > 1 and (named := named_layers(shown.layers, shown.styles)):
+        told = AnnotatedSubject.of(document.volume, named[0][0], named)
+        of_layers: dict[str, Any] = {name: getattr(told, name) for name in ("legend", "value_name", "colored")}
+        view = AnnotationView(replace(opened.annotated_subject, **of_layers), named[0][1], camera)
+    return finish(image, view, opened)
 
 
 def plain(image: Image) -> Image:

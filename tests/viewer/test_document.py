@@ -192,7 +192,7 @@ def test_channels_are_parts(folder: Path, renderer: sg.Renderer) -> None:
 
 
 def test_legends_and_reopened_scenes_have_the_names_of_channels(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And those that the user gives, as on the screen."""
     parts = [sg.Volume(blob(12).samples, name=name) for name in ("one", "two")]
@@ -213,6 +213,25 @@ def test_legends_and_reopened_scenes_have_the_names_of_channels(
     legend = OpenScene.read(scene, True).annotated_subject.legend
     assert shown == [("one", "nuclei")] and tuple(name for name, _ in legend) == shown[0]
     assert Document.open(scene).names == shown[0]
+    # in saved pictures, too
+    for save in (save_picture, save_scene):
+        save(state, document, renderer.render, tmp_path)
+    options = ["--backend", renderer.info.backend, "--quiet"]
+    assert main(["render", str(tmp_path / "scene-001.toml"), "-o", str(tmp_path / "again.png"), *options]) == 0
+    pictures = [sg.Image.load(tmp_path / name).pixels for name in ("picture-001.png", "again.png")]
+    assert np.array_equal(*pictures) and pictures[0][:20, :20].max() == 1
+
+
+def test_scenes_state_a_classification_that_all_layers_allow(folder: Path) -> None:
+    """Labels are classified before reconstruction, of whatever the others are."""
+    np.save(folder / "ones.npy", (blob(12).samples > blob(12).samples.mean()).astype(np.uint8))
+    labels = SceneFile(str(folder / "ones.npy"), load={"values": "labels"})
+    scene = SceneFile(str(folder / "blob.npy"), settings=sg.Settings(classification="auto"))
+    for source, stated in ((scene, "post"), (replace(scene, layers=(labels,)), "auto"), (labels, "pre")):
+        document = Document.open(source)
+        state = State.of(document, SIZE)
+        state = replace(state, settings=state.settings.replace(classification="post"))
+        assert scene_of(state, document).settings.classification == stated
 
 
 @pytest.mark.long
