@@ -13,6 +13,7 @@ from splatgl.errors import expected
 from splatgl.fileio import check_folder
 from splatgl.opengl import OpenGL
 from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from splatgl.viewer.adaptive_quality import TARGET
 from splatgl.viewer.show import open_window, start_empty, start_reading
 
@@ -77,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         commands = load_bindings(args.bindings)
     opengl, source, is_empty = record_of(args, OpenGL), args.source or "", args.source is None
     scene = _scene(args, source)
-    if is_empty and scene != SceneFile(""):
+    if is_empty and scene.with_options(size=ViewOptions().size) != SceneFile(""):
         raise expected("SOURCE", "a file for these options", "none", "splatgl view alone opens an empty window")
     reopen = partial(_scene, args, source)
     files = start_empty() if is_empty else start_reading(scene, source if args.watch else "", reopen)

@@ -133,7 +133,7 @@ def _spelled(text: str) -> str:
 
 def find_commands(text: str, commands: Iterable[Command]) -> list[Command]:
     """The commands that all words of a text find, in their titles or among their other words: first those whose titles
-    begin with the text, then those with words of the title that begin with its words.
+    have its words, then those whose titles begin with the text, then those with words that begin with its words.
     """
     typed = _spelled(text)
     ranked = []
@@ -144,7 +144,9 @@ def find_commands(text: str, commands: Iterable[Command]) -> list[Command]:
                 all(any(each.startswith(word) for each in text.split()) for word in typed.split())
                 for text in (title, words)
             )
-            ranked.append(((not title.startswith(typed), not starts, not (starts or starts_other)), command))
+            is_whole = {*typed.split()} <= {*re.findall(r"\w+", title)}
+            rank = not is_whole, not title.startswith(typed), not starts, not (starts or starts_other)
+            ranked.append((rank, command))
     return [command for _, command in sorted(ranked, key=lambda row: row[0])]
 
 

@@ -125,10 +125,11 @@ def test_a_window_has_its_latest_size(folder: Path, monkeypatch: pytest.MonkeyPa
     found: list[tuple[Any, ...]] = []
     monkeypatch.setattr("splatgl.cli.view.open_window", lambda *given: found.append(given))
     (folder / "s.toml").write_text('volume = "blob.npy"\n[camera]\nsize = [90, 60]\n')
-    for arguments in (["s.toml"], ["s.toml", "--size", "50x40"], []):
+    for arguments in (["s.toml"], ["s.toml", "--size", "50x40"], [], ["--size", "50x40"]):
         assert main(["view", *(str(folder / each) if each == "s.toml" else each for each in arguments)]) == 0
-    (_, _, scene), (_, _, stated), (files, nothing, _), *_ = (given[:3] for given in found)
-    assert scene.size is None and stated.size == (50, 40) and nothing.volume == "" and files.jobs.busy is None
+    (_, _, scene), (_, _, stated), (files, nothing, _), (_, _, sized) = (given[:3] for given in found)
+    assert scene.size is None and stated.size == sized.size == (50, 40)
+    assert nothing.volume == "" and files.jobs.busy is None
 
 
 def test_a_picture_is_saved_otherwise_than_shown(folder: Path, renderer: sg.Renderer) -> None:

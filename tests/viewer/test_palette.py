@@ -69,6 +69,7 @@ def test_titles_come_before_other_words() -> None:
         "color map gray": "colormap-gray",
         "mip": "blend-mip",
         "isosurface": "section-iso-surfaces",
+        "iso": "section-iso-surfaces",
         "window level": "section-look",
         "lut": "colormap-airways",
     }
