@@ -277,7 +277,7 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         viewer.closed = False
         if viewer.panel is not None:
             # whether a list is open or not, which Escape cannot know: a click may close it in the same moment
-            viewer.panel.panel.closes = True
+            viewer.panel.panel.closes = 1
         viewer.dialogs.close()
         # the press before is not the first of a double click
         viewer.input.camera.mouse = trackball.Mouse()
