@@ -13,7 +13,8 @@ uniform vec3 clip_normal[MOST_CLIPS];  // unit vector, world axes
 vec3 clip_ray(vec3 start, vec3 direction, float speed, inout float near, inout float far) {
     vec3 face = vec3(0.0);
     float unclipped = near;
-    for (int i = 0; i < clips; i++) {
+    for (int k = 0; k < clips; k++) {
+        int i = min(k, clips - 1);
         float rate = dot(clip[i].xyz, direction), apart = clip[i].w - dot(clip[i].xyz, start);
         if (abs(rate) < GRAZING_RAY * speed) apart -= FLUSH;
         // a ray along a plane is kept everywhere or nowhere

@@ -22,7 +22,7 @@ float iso_begin, iso_next;
 bool meets_iso(int row, vec3 mass) {
     bool meets = false;
     for (int k = 0; k < isos; k++) {
-        bvec3 above = greaterThan(around[row] - iso_value[k] * mass, vec3(0.0));
+        bvec3 above = greaterThan(around[row] - iso_value[min(k, isos - 1)] * mass, vec3(0.0));
         meets = meets || (any(above) && !all(above));
     }
     return meets;
@@ -55,7 +55,7 @@ vec2 segment_of(int row, int i, vec2 inside, vec3 mass) {
     float last = inside.y >= 1.0 ? 2.0 : inside.y;
     int surface = -1;
     for (int k = 0; k < isos; k++) {
-        vec2 at = crossings(around[row] - iso_value[k] * mass);
+        vec2 at = crossings(around[row] - iso_value[min(k, isos - 1)] * mass);
         float first = at.x >= iso_next ? at.x : at.y;
         if (first >= iso_next && first < min(last, end)) {
             end = first;

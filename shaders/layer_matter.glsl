@@ -1,6 +1,7 @@
 // Keeps the matter of one layer along each pixel's ray, which layers_over.comp composites with that of others.
 // switch CARRIED 0  lists of pieces continue those of an earlier dispatch
 #include "layer_pages.glsl"
+#include "turns.glsl"
 #define ROUNDING 5e-4  // of the length of a piece in a list, sheets
 
 uniform uint layer;    // whose matter is kept
@@ -38,6 +39,13 @@ void begin_matter(int row, bool continues) {
     waiting[row] = matter_of_piece(piece, style.brightest);
     waiting_ends[row] = ends_of_piece(piece);
     moved[row] = uintBitsToFloat(kept_heads[head + 7u]);
+}
+
+void turn_matter() {
+    TURN(uvec3, kept)
+    TURN(vec4, waiting)
+    TURN(vec2, waiting_ends)
+    TURN(float, moved)
 }
 
 // Keeps the matter of a pixel that waits, and its list.

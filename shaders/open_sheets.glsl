@@ -8,28 +8,29 @@ layout(std430, binding = 5) buffer Rings { vec4 rings[]; };
 // one value takes no gradients: without their sums, programs are shorter
 #define RING_SUMS(number, row) (ONE_VALUE ? vec4(vec3(0.0), RING(number, row).a) : RING(number, row))
 
+// Of a row of the tile, whose values are those of row 0.
 void read_pixel(uint tile, int row) {
-    sum0[row] = RING_SUMS(0, row);
-    sum1[row] = RING_SUMS(1, row);
-    if (SHEETS > 2) sum2[row] = RING_SUMS(2, row);
-    if (SHEETS > 3) sum3[row] = RING_SUMS(3, row);
-    masses[row] = RING(4, row);
-    middle[row] = RING_SUMS(5, row);
-    before[row] = RING_SUMS(6, row);
+    sum0[0] = RING_SUMS(0, row);
+    sum1[0] = RING_SUMS(1, row);
+    if (SHEETS > 2) sum2[0] = RING_SUMS(2, row);
+    if (SHEETS > 3) sum3[0] = RING_SUMS(3, row);
+    masses[0] = RING(4, row);
+    middle[0] = RING_SUMS(5, row);
+    before[0] = RING_SUMS(6, row);
     vec4 rest = RING(7, row);
-    held[row].yz = rest.xy;
-    spread[row].yz = rest.zw;
+    held[0].yz = rest.xy;
+    spread[0].yz = rest.zw;
 }
 
 void write_pixel(uint tile, int row) {
-    RING(0, row) = sum0[row];
-    RING(1, row) = sum1[row];
-    if (SHEETS > 2) RING(2, row) = sum2[row];
-    if (SHEETS > 3) RING(3, row) = sum3[row];
-    RING(4, row) = masses[row];
-    RING(5, row) = middle[row];
-    RING(6, row) = before[row];
-    RING(7, row) = vec4(held[row].yz, spread[row].yz);
+    RING(0, row) = sum0[0];
+    RING(1, row) = sum1[0];
+    if (SHEETS > 2) RING(2, row) = sum2[0];
+    if (SHEETS > 3) RING(3, row) = sum3[0];
+    RING(4, row) = masses[0];
+    RING(5, row) = middle[0];
+    RING(6, row) = before[0];
+    RING(7, row) = vec4(held[0].yz, spread[0].yz);
 }
 
 // begun: whether the column was written before.

@@ -17,18 +17,15 @@ int next_base(uint at, uint end, out uvec4 names) {
 #else
 #define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
 #endif
+// Once for all rows, the last first, whose values turns.glsl moves to row 0: what stores takes long to compile.
+#define IN_TURN for (int turn = turns - 1; turn >= 0; turn--)
 #define AT(row) (corner + ivec2(0, row))
 #define BEGIN(row) ray[row] = ray_of(center_of(row)); open_pixel(row);
 #define LIGHT_UP_TO(row) light[row] = LIGHT_AT(AT(row));
-#define RESUME(row) read_pixel(tile, row);
 #define ADD(row) add_four(row, four, ray[row], weights);
 #define TAKE(row) if (take_sheet(row, current)) seen = true;
 #define SPAN(row) span = vec2(min(span.x, ends[row].x), max(span.y, ends[row].y));
 #define CLOSE(row) close_sheet(row, current - 1);
-#define KEEP(row) write_pixel(tile, row);
-#define EMPTY(row) begin_matter(row, is_continued);
-#define KEEP_MATTER(row) end_matter(row);
-#define END(row) SET_LIGHT(row, AT(row), mine.w == 1u && !partial ? shown(light[row]) : light[row]);
 
 // Returns whether a condition holds in any column of the subgroup, which then stays together; without votes, in this one.
 bool any_column(bool so) {
@@ -59,10 +56,15 @@ void composite_tile(uvec4 mine, uint lane) {
     mine.w &= 1u;
     ivec2 corner = first_pixel(tile, lane);
     first = (vec2(corner) + 0.5) * stride;
-    set_column(tile, lane);
     Ray ray[ROWS];
+    // as no constant, so that compilers keep the loops
+    int turns = tiles.x > 0 ? ROWS : 0;
     EACH(BEGIN)
-    EACH(EMPTY)
+    if (LAYERED == 1) IN_TURN {
+        turn_matter();
+        set_column(tile, lane + uint(turn) * COLUMNS);
+        begin_matter(0, is_continued);
+    }
     coverage = table_quad(vec3(0.0)).coverage;
     // the nearest open sheet, and how many sheets from it on may hold something
     int current = 0, holding = 0;
@@ -71,7 +73,10 @@ void composite_tile(uvec4 mine, uint lane) {
         EACH(LIGHT_UP_TO)
         // of opaque ones, nothing is kept
         if (!any_open()) return;
-        EACH(RESUME)
+        IN_TURN {
+            turn_sheets();
+            read_pixel(tile, turn);
+        }
         read_column(tile, current, holding, begun);
     }
     if (NEAR == 1 && !begun) {
@@ -134,12 +139,22 @@ void composite_tile(uvec4 mine, uint lane) {
         least = least_opacity();
         if (!any_column(least <= opaque)) break;
     }
-    EACH(KEEP_MATTER)
-    EACH(END)
+    if (LAYERED == 1) IN_TURN {
+        turn_matter();
+        set_column(tile, lane + uint(turn) * COLUMNS);
+        end_matter(0);
+    }
+    IN_TURN {
+        TURN(vec4, light)
+        SET_LIGHT(AT(turn), mine.w == 1u && !partial ? shown(light[0]) : light[0]);
+    }
     if (least <= opaque) STAY_OPEN(tile);
     // of all columns, as those behind the box go on with the others
     if (CARRIED == 1 && mine.w == 0u && any_open()) {
-        EACH(KEEP)
+        IN_TURN {
+            turn_sheets();
+            write_pixel(tile, turn);
+        }
         write_column(tile, current, holding);
     }
 }

@@ -19,6 +19,7 @@
 #constant AMID        // voxels from the first and last layer up to which a value is not moved
 #constant FLUSH       // a ray nearer to a face of the box lies in it, voxels,
 #constant GRAZING_RAY // if it leaves the face by less than this share of its length
+#include "turns.glsl"
 #include "sheets.glsl"
 #include "transfer_lookup.glsl"
 #include "regions.glsl" if REGIONS else "regions_off.glsl"
@@ -66,6 +67,19 @@ vec2 kept_ends;
 // a pixel's light; of blends of one value the joined value and its length, see join_value and join_attenuated
 vec4 light[ROWS];
 #include "iso_surfaces.glsl" if ISO else "iso_surfaces_off.glsl"
+
+// Moves on what open_sheets.glsl keeps.
+void turn_sheets() {
+    TURN(vec4, sum0)
+    TURN(vec4, sum1)
+    TURN(vec4, sum2)
+    TURN(vec4, sum3)
+    TURN(vec4, masses)
+    TURN(vec4, middle)
+    TURN(vec4, before)
+    TURN(vec3, held)
+    TURN(vec3, spread)
+}
 
 // Centre of a pixel in the band. STRIDE: pixels of the view from one row to the next.
 vec2 center_of(int row) {

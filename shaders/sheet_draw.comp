@@ -33,7 +33,7 @@ uniform uint first_tile;
 uniform bool partial;           // what is drawn is a part, which shows no value yet
 
 #define LIGHT_AT(at) imageLoad(target, at)
-#define SET_LIGHT(row, at, value) imageStore(target, at, value)
+#define SET_LIGHT(at, value) imageStore(target, at, value)
 #define STAY_OPEN(tile) open[tile] = 1u
 
 #include "open_sheets.glsl" if CARRIED else "open_sheets_off.glsl"

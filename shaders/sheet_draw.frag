@@ -16,7 +16,7 @@ const bool partial = false;
 out vec4 pixels[ROWS];
 
 #define LIGHT_AT(at) vec4(0.0)
-#define SET_LIGHT(row, at, value) pixels[row] = value
+#define SET_LIGHT(at, value) TURN(vec4, pixels) pixels[0] = value
 #define STAY_OPEN(tile)
 #include "open_sheets_off.glsl"
 #include "sheet_sums.glsl"
