@@ -14,6 +14,7 @@ vec3 clip_ray(vec3 start, vec3 direction, float speed, inout float near, inout f
     vec3 face = vec3(0.0);
     float unclipped = near;
     for (int k = 0; k < clips; k++) {
+        // not k itself: Mesa would repeat the loop MOST_CLIPS times, for each row
         int i = min(k, clips - 1);
         float rate = dot(clip[i].xyz, direction), apart = clip[i].w - dot(clip[i].xyz, start);
         if (abs(rate) < GRAZING_RAY * speed) apart -= FLUSH;

@@ -18,11 +18,16 @@ uniform bool iso_lit;
 int iso_part, iso_surface;
 float iso_begin, iso_next;
 
+// The value of a surface; a loop that indexes the array by its counter itself is repeated MOST_ISO times by Mesa.
+float value_of(int k) {
+    return iso_value[min(k, isos - 1)];
+}
+
 // Whether surfaces pass around the sheet that is closed next.
 bool meets_iso(int row, vec3 mass) {
     bool meets = false;
     for (int k = 0; k < isos; k++) {
-        bvec3 above = greaterThan(around[row] - iso_value[min(k, isos - 1)] * mass, vec3(0.0));
+        bvec3 above = greaterThan(around[row] - value_of(k) * mass, vec3(0.0));
         meets = meets || (any(above) && !all(above));
     }
     return meets;
@@ -55,7 +60,7 @@ vec2 segment_of(int row, int i, vec2 inside, vec3 mass) {
     float last = inside.y >= 1.0 ? 2.0 : inside.y;
     int surface = -1;
     for (int k = 0; k < isos; k++) {
-        vec2 at = crossings(around[row] - iso_value[min(k, isos - 1)] * mass);
+        vec2 at = crossings(around[row] - value_of(k) * mass);
         float first = at.x >= iso_next ? at.x : at.y;
         if (first >= iso_next && first < min(last, end)) {
             end = first;

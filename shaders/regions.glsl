@@ -65,7 +65,8 @@ vec4 image_mean(vec2 first, vec2 last, float low, float high) {
 // Emission and optical depth of `length_` reference lengths, over which places move straight from first to last.
 vec4 mean_matter(vec2 first, vec2 last, float length_) {
     vec4 total = vec4(0.0);
-    for (int n = 0; n < region_count; n++) {
+    for (int k = 0; k < region_count; k++) {
+        int n = min(k, region_count - 1);
         vec4 before = region_depths(n, first), behind = region_depths(n, last);
         vec4 at = before / mix(before - behind, vec4(1.0), equal(before, behind));
         vec4 from = mix(vec4(0.0), mix(at, vec4(2.0), lessThan(behind, vec4(0.0))), lessThan(before, vec4(0.0)));

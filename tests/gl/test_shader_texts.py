@@ -344,3 +344,12 @@ void main() {}
     expected = {"outputs": 3, "varyings": 0, "textures": 2, "images": 1, "storage": 1, "blocks": 0, "uniforms": 24}
     assert counts(Text("a", "a.frag", source)) == {**expected, "shared": 160}
     assert counts(Text("a", "a.vert", source))["varyings"] == 3
+
+
+def test_loops_over_uniform_arrays_stay_loops() -> None:
+    """Mesa repeats a loop whose counter indexes an array as often as it is long, and compiles that for seconds."""
+    for file in folder().glob("*.*"):
+        text = file.read_text()
+        arrays = re.findall(r"^uniform \w+ (\w+)\[MOST_\w+\];", text, re.MULTILINE)
+        counters = re.findall(r"for \(int (\w+) = 0; \1 < [a-z_]+; \1\+\+\)", text)
+        assert not [f"{file.name}: {array}[{k}]" for array in arrays for k in counters if f"{array}[{k}]" in text]
