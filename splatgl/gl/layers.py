@@ -102,7 +102,9 @@ class LayerTiles:
             # what is nearer to the middle of the picture needs more
             size = window.width * window.height
             enough = int(SHARE * size * room / max(used, 1))
-            least, next_size = min(least, enough), min(enough, int(GROWTH * size))
+            # by a row of tiles at least, to which heights are rounded down
+            larger = max(int(GROWTH * size), size + window.width * ROWS)
+            least, next_size = min(least, enough), min(enough, larger)
         # for the next picture
         self.sizes[layers.stride] = max(least, ROWS * ROWS)
 

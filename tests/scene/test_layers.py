@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from splatgl import reference
 from splatgl.cli.main import main
 from splatgl.gl import layers as layer_tiles
 from splatgl.planning import bricks
+from splatgl.planning.culling import PixelWindow
 from splatgl.planning.scene import join_pictures, moments_per_frame
 from splatgl.scene import open_scene
 from splatgl.scene.scene_file import SceneFile
@@ -434,3 +436,19 @@ def test_all_layers_have_as_many_samples(renderer: sg.Renderer) -> None:
     assert alone[0] < alone[1]
     for layers in ([coarse, fine], [fine, coarse]):
         assert renderer.render(sg.Scene(layers), camera).info["samples"] == alone[1]
+
+
+def test_windows_of_layers_grow_from_few_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a window whose matter needs most of the room, those of less matter grow, although heights are rounded."""
+    monkeypatch.setattr(layer_tiles, "most_block", lambda ctx: 2**27)
+    tiles = layer_tiles.LayerTiles(SimpleNamespace(ctx=None), *[None] * 3)  # type: ignore[arg-type]
+    tiles.sizes[1] = 24 * 1000
+    heights: list[int] = []
+
+    def fake(batch: object, target: object, window: PixelWindow, room: int) -> int:
+        heights.append(window.height)
+        return 0
+
+    monkeypatch.setattr(tiles, "_window", fake)
+    tiles._draw_windows(SimpleNamespace(layers=[None], stride=1), None, PixelWindow(0, 0, 1000, 200))  # type: ignore[arg-type]
+    assert heights == [24, 32, 40, 48, 56]
