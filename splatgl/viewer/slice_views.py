@@ -346,7 +346,7 @@ def slice_values(state: State, document: Document, most: int, point: np.ndarray 
         place = np.rint(np.linalg.solve(part.world_from_index, point - np.asarray(part.origin))).astype(int)
         is_inside = (place >= 0).all() and (place < part.shape[::-1]).all()
         if is_inside and isinstance(part.samples, np.ndarray):
-            text = value_text(style, part, part.samples[tuple(place[::-1])], place)
+            text = value_text(style, part, part.samples[tuple(place[::-1])], place.tolist())
             name, room = style.title or layer.name, most - len(text) - 2
             name = name if len(name) <= room else f"{name[: max(room - 1, 1)]}…"
             texts.append(text if len(shown) < 2 else f"{name}: {text}")
