@@ -708,9 +708,9 @@ def test_a_legend_names_segments_and_layers_in_their_colours() -> None:
     ANNOTATIONS["legend"].draw(alone, replace(view, subject=AnnotatedSubject.of(VOLUME)))
     assert alone.notes == ["no legend: there is one layer only, without segments"]
     # axes stay in a window with a text at the upper left
-    subject, view = replace(AnnotatedSubject.of(OBLONG), legend=rows[:3]), sg.Camera.orbit(OBLONG, size=(400, 300))
+    subject, camera = replace(AnnotatedSubject.of(OBLONG), legend=rows[:3]), sg.Camera.orbit(OBLONG, size=(400, 300))
     axes, both = (
-        LiveOverlay().draw(subject, TRANSFER, view, names, above=56) for names in (["axes"], ["axes", "legend"])
+        LiveOverlay().draw(subject, TRANSFER, camera, names, above=56) for names in (["axes"], ["axes", "legend"])
     )
     assert (both == axes)[axes[..., 3] > 0].all() and (both != axes).any()
 
