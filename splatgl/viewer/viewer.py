@@ -579,7 +579,9 @@ class Viewer:
             before, panel = self.state, self.panel.panel
             panel.recent, panel.widgets.recording = self.recent, self.recorder.running
             panel.widgets.idle = self._idle()
-            self.state = self.panel.frame(self.state, self.document, self.painter.frame)
+            # no check of what is drawn meanwhile begins a frame of the panel within this one, or leaves it open
+            with checked(lambda: None):
+                self.state = self.panel.frame(self.state, self.document, self.painter.frame)
             effects, panel.widgets.effects = panel.widgets.effects, []
             self.effects += effects
             if self.state is not before or effects:

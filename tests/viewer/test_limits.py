@@ -23,7 +23,7 @@ from splatgl.annotations.text import legible, plain, text_box
 from splatgl.gl.target import Interrupted
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.kernels import KERNELS
-from splatgl.splat.splats import in_parts
+from splatgl.splat.splats import check_now, checked, in_parts
 from splatgl.transfer.transfer_nodes import with_color_points
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, STRIDES, IdleTrim
@@ -353,6 +353,33 @@ def test_a_click_is_shown_between_two_portions(monkeypatch: pytest.MonkeyPatch) 
     assert not view._is_interrupted(2, is_full=False) and shown == [1, 0, 2, 1]
     window.closing = True
     assert view._is_interrupted(3, is_full=False)
+
+
+def test_a_frame_of_the_panel_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever checks, and would end, the extraction of the picture during which it is drawn."""
+    view, state = Viewer.__new__(Viewer), cast(Any, SimpleNamespace(panel=True, help=False))
+    for name, value in {"_marks": lambda self: None, "_idle": frozenset, "drawn_size": SIZE}.items():
+        monkeypatch.setattr(Viewer, name, value)
+    view.state, view.document, view.effects = state, cast(Any, None), []
+    view.screen = cast(Any, SimpleNamespace(draw=lambda *_: None, mark=lambda *_: None))
+    view.painter = cast(Any, SimpleNamespace(look=lambda *_: None, frame=None))
+    view.window, view.reference = cast(Any, SimpleNamespace(size=SIZE)), cast(Any, None)
+    view.recent, view.recorder = cast(Any, None), cast(Any, SimpleNamespace(running=None))
+
+    def frame(*_: object) -> State:
+        check_now()
+        return state
+
+    panel = SimpleNamespace(widgets=SimpleNamespace(effects=[]))
+    view.panel = SimpleNamespace(panel=panel, frame=frame, waiting=[], owed=0)
+
+    def end() -> None:
+        raise Interrupted
+
+    with checked(end):
+        view._compose()
+        with pytest.raises(Interrupted):
+            check_now()
 
 
 def test_text_goes_on_while_a_picture_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
