@@ -35,7 +35,7 @@ PLUMBING = {
     *("choose", "exact_quad", "give_matter", "listed_at", "plain_quad", "projected", "read_record", "read_splat"),
     *("splat_quad", "texel_of", "unpacked_extent", "scaled", "next_base", "placed", "class_texel", "weight_at"),
     *("open_pixel", "read_pixel", "write_pixel", "read_column", "write_column", "take_sheet", "any_column"),
-    *("any_open", "least_opacity", "begin_row"),
+    *("any_open", "least_opacity", "begin_row", "turn_sheets", "turn_matter", "value_of"),
     *("center_of", "take_plane", "is_plane", "planes", "set_mask_ray", "mask_above", "mask_part", "mask_face"),
     *("head_of", "kept_pixel", "packed_piece", "matter_of_piece", "ends_of_piece", "add_matter", "end_matter"),
     *("head_of_row", "last_piece", "part_of"),
