@@ -112,7 +112,8 @@ class Reference:
                 if wanted is not self.wanted:
                     raise JobCancelled
                 return self._await(process, wanted)
-            except (EOFError, OSError) as error:
+            except (EOFError, OSError, pickle.UnpicklingError) as error:
+                # killed, between two news or within one
                 if wanted is not self.wanted:
                     raise JobCancelled from error
                 raise InputError(f"the process that draws it ended with {process.wait()}") from error

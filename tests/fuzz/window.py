@@ -42,7 +42,7 @@ KEYS = (*LETTERS, *NAMED.split(), "greater", "question", "plus", "minus", *HELD.
 # inputs after which memory is expected to be flat, beside a third of the rests: the renderer holds all the programs by
 # then that it holds at most, some 100 MB with llvmpipe, and libraries of movies and dialogs are loaded; by how much it
 # may grow from there, from so many rests to as many later ones; time from one rest to the next, as a share of all
-WARM, GROWTH, LEAST_RESTS, REST_EVERY = 600, 1.05, 4, 1 / 40
+WARM, GROWTH, LEAST_RESTS, REST_EVERY = 600, 1.05, 8, 1 / 60
 # presses of Escape that end all that may be open or go on, and seconds between them: each ends one thing of a frame
 ESCAPES, APART = 8, 0.5
 # seconds after which a key answers the question whether edits are saved before another file is opened, and after which

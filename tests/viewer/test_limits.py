@@ -275,6 +275,24 @@ def test_a_reference_is_drawn_by_a_process_that_ends_at_once(
     wait(lambda: reference.note.startswith("no reference: another process"))
 
 
+@pytest.mark.parametrize("is_wanted", [True, False])
+def test_a_reference_whose_process_ends_within_its_news_is_none(
+    document: Document, monkeypatch: pytest.MonkeyPatch, is_wanted: bool
+) -> None:
+    """As it is killed while it writes a picture."""
+    reference = Reference(Jobs(lambda: None))
+    wanted = reference.wanted = document.layers[0].at(1), document.home((6, 4)).camera, sg.Settings()
+
+    def cut(self: Reference, process: Any, wanted: Any) -> None:
+        self.wanted = wanted if is_wanted else None
+        process.kill()
+        pickle.loads(pickle.dumps(np.zeros(9))[:-9])
+
+    monkeypatch.setattr(Reference, "_await", cut)
+    with pytest.raises(sg.InputError if is_wanted else JobCancelled):
+        reference._draw(wanted)
+
+
 def test_references_of_layers_go_to_the_process(document: Document) -> None:
     layered = Document.open(replace(document.scene, layers=(document.scene,)))
     layered.extract(1)
