@@ -362,10 +362,10 @@ class Document:
 
 def named_layers(layers: Sequence[LayerSplats], styles: Sequence[LayerStyle]) -> list[tuple[Volume, Transfer]]:
     """Volumes of the visible layers, by the names that a saved scene gives them, and their transfer functions."""
-    shown = [(layer, style) for layer, style in zip(layers, styles, strict=False) if style.is_shown]
-    names = [style.title or layer.scene.title or layer.volume.name for layer, style in shown]
     return [
-        (replace(layer.volume, name=name), style.transfer) for (layer, style), name in zip(shown, names, strict=True)
+        (replace(layer.volume, name=style.title or layer.scene.title or layer.volume.name), style.transfer)
+        for layer, style in zip(layers, styles, strict=False)
+        if style.is_shown
     ]
 
 

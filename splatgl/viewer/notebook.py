@@ -146,13 +146,15 @@ class Session:
         except InputError as error:
             if level != FULL or all(layer.volume.count <= MOST_KEPT for layer in self.document.drawn_layers):
                 raise
-            print_lines([f"every second voxel is drawn, not all: {error}"])
-            self.too_fine = self.document
+            # another error comes again
             self.image = self._render(level, 2)
+            self.too_fine = self.document
+            print_lines([f"every second voxel is drawn, not all: {error}"])
         self.level, self.drawn, self.seconds = level, self._wanted(), time.perf_counter() - started
         return self.drawn, level == FULL
 
     def _render(self, level: PreviewLevel, stride: int) -> Image:
+        """The picture of a level, of voxels at a stride."""
         camera = self.pose.camera.resized(level.size(self.pose.camera.size))
         settings = level.settings(self.document.scene.settings.replace(classification="auto"))
         subject, settings = self.document.subject_at(stride, settings, None if level == FULL else camera.eye)
